@@ -1,0 +1,46 @@
+# Two commands from a fresh clone: `make benchmark` and `make test`. `make check` is what CI runs.
+# Another environment folder: make VENV=dir ...
+
+VENV ?= .venv
+PYTHON ?= python3
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+
+# The CPU build; a plain `torch` would pull several gigabytes of GPU libraries.
+TORCH := torch==2.13.0
+
+.PHONY: benchmark test slow static check calibrate clean
+
+benchmark: $(VENV)/.installed-report
+	$(BIN)/railenv benchmark --suite quick --out runs/quick
+
+test: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest
+
+slow: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -m "slow or cluster or learning"
+
+static: $(VENV)/.installed-dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/lint-imports
+
+check: static test slow
+
+calibrate: $(VENV)/.installed-report
+	$(BIN)/python -m eval.calibrate
+
+clean:
+	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed-report: pyproject.toml setup.py | $(BIN)/python
+	@start=$$(date +%s); $(PIP) -e ".[report]" && \
+	echo "installed in $$(( $$(date +%s) - start )) s" && touch $@
+
+$(VENV)/.installed-dev: pyproject.toml setup.py | $(BIN)/python
+	@start=$$(date +%s); $(PIP) $(TORCH) && $(PIP) -e ".[all,dev]" && \
+	echo "installed in $$(( $$(date +%s) - start )) s" && touch $@ $(VENV)/.installed-report

@@ -1,0 +1,19 @@
+"""Registers railenv's ids with Gymnasium, by string: nothing is imported until an id is made."""
+
+import gymnasium as gym
+
+LATERAL17 = "railenv/Lateral17-v0"
+
+_ENTRY_POINTS = {LATERAL17: "railenv.envs.rail_env:Lateral17Env"}
+
+
+def env_ids() -> list[str]:
+    """List the registered ids."""
+    return list(_ENTRY_POINTS)
+
+
+def register_envs() -> None:
+    """Register every id that is not registered yet."""
+    for env_id, entry_point in _ENTRY_POINTS.items():
+        if env_id not in gym.registry:
+            gym.register(id=env_id, entry_point=entry_point)  # pyright: ignore[reportUnknownMemberType]
