@@ -1,0 +1,122 @@
+"""What a controller is, and linear feedback as the one the oracle reads directly.
+
+A controller is any object with `reset(num_lanes, seed)` and `act(observations) -> actions`, batched
+with lanes first. Observations are those of the environment (`railenv.envs.observation`): sensors,
+then past actions, SI units. An action of one is `action_scale` newtons (3 kN unless the controller
+says otherwise); in simulation and benchmark only the actuator's force limit bounds it, the
+environment's box clips at one. State is kept inside and must not depend on the number of lanes.
+
+A linear controller also offers `to_delay_system(vehicle)` for the stability oracle.
+"""
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from railenv.actuation import ActuatorSpec
+from railenv.envs.observation import DEFAULT_ACTION_SCALE, sensor_names
+from railenv.errors import ArgumentError, check_positive, unknown_name
+from railenv.stability import DelaySystem
+from railenv.units import FloatArray
+from railenv.vehicle import LateralVehicle, state_space
+from railenv.vehicle.coordinates import Layout, actuator_positions, parse_layout
+
+
+@runtime_checkable
+class Controller(Protocol):
+    """Anything that turns observations into actions, batched."""
+
+    def reset(self, num_lanes: int, seed: int) -> None:
+        """Forget the past and get ready for a number of lanes."""
+        ...
+
+    def act(self, observations: FloatArray) -> FloatArray:
+        """Return actions, shape (lanes, channels), for observations, shape (lanes, columns)."""
+        ...
+
+
+class LinearFeedback:
+    """Static linear feedback of sensors, u = -gain @ y(t - tau).
+
+    Args:
+        gain: Shape (channels, sensors) [N per sensor unit].
+        sensors: Names of the sensors, columns of the standard observation of the layout.
+        layout: "passive" (no channel), 2 or 4.
+        action_scale: Force of an action of one [N].
+
+    Raises:
+        ArgumentError: The gain has the wrong shape or is not finite, or a sensor does not exist.
+    """
+
+    def __init__(
+        self,
+        gain: Any,
+        sensors: tuple[str, ...],
+        layout: object,
+        action_scale: float = DEFAULT_ACTION_SCALE,
+    ) -> None:
+        self.layout: Layout = parse_layout(layout)
+        self.sensors = tuple(sensors)
+        self.gain: FloatArray = np.array(gain, dtype=float)
+        self.action_scale = check_positive("action_scale", action_scale, "N")
+        shape = (len(actuator_positions(self.layout)), len(self.sensors))
+        if self.gain.shape != shape:
+            raise ArgumentError(f"gain has shape {self.gain.shape}; it must be {shape}")
+        if not np.all(np.isfinite(self.gain)):
+            raise ArgumentError(
+                "gain holds a value that is not finite; every entry must be a number"
+            )
+        known = sensor_names(self.layout)
+        for name in self.sensors:
+            if name not in known:
+                raise unknown_name("sensor", name, known)
+        self._columns = [known.index(name) for name in self.sensors]
+
+    def reset(self, num_lanes: int, seed: int) -> None:
+        """Nothing to forget: the feedback is static."""
+
+    def act(self, observations: FloatArray) -> FloatArray:
+        """Return -gain @ y / action_scale, shape (lanes, channels).
+
+        One multiply-add per sensor in a fixed order, so that a lane's numbers do not depend on how
+        many lanes there are (a matrix library's would).
+        """
+        actions = np.zeros((observations.shape[0], self.gain.shape[0]))
+        for index, column in enumerate(self._columns):
+            actions -= observations[:, column, None] * self.gain[:, index]
+        return actions / self.action_scale
+
+    def to_delay_system(
+        self, vehicle: LateralVehicle, actuator: ActuatorSpec | None = None
+    ) -> DelaySystem:
+        """Close the loop around a vehicle.
+
+        Args:
+            vehicle: The vehicle; its layout must be the controller's.
+            actuator: Its lag becomes part of the plant; limits do not act on small motion.
+
+        Returns:
+            x' = A x - sum_i b_i K_i x(t - tau_i).
+
+        Raises:
+            ArgumentError: The layouts differ, or a fed-back sensor has direct feedthrough.
+        """
+        if vehicle.layout != self.layout:
+            raise ArgumentError(
+                f"the controller is for layout {self.layout}, the vehicle has layout "
+                f"{vehicle.layout}; use the same for both"
+            )
+        system = state_space(vehicle)
+        C, D = system.output_rows(self.sensors)
+        lag = ActuatorSpec() if actuator is None else actuator
+        A, B = lag.with_lag(system.A, system.actuator_input)
+        K, through = self.gain @ C, self.gain @ D[:, : system.num_actuators]
+        if lag.lag > 0.0:
+            # The forces are states now, so that feedthrough from them is ordinary state feedback.
+            return DelaySystem(A, B, np.hstack([K, through]))
+        if np.any(through):
+            raise ArgumentError(
+                "the loop is neutral: an accelerometer is fed back without a filter; give the "
+                "actuator a lag or low-pass the signal"
+            )
+        return DelaySystem(A, B, K)

@@ -1,0 +1,145 @@
+"""Controllers by name: `make_controller("skyhook:gain=35e3")`.
+
+A SPEC is a registered name with settings after a colon, or `py:module:function` for a controller of
+the user's own; the function is called with the layout's name if it takes an argument, else without.
+"""
+
+import importlib
+import inspect
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from baselines.controller import Controller
+from baselines.passive import Passive, Zero
+from baselines.skyhook import SkyHook
+from railenv.errors import ArgumentError, ControllerError, check_text, unknown_name
+from railenv.vehicle.coordinates import parse_layout
+
+
+@dataclass(frozen=True)
+class Registered:
+    """A controller that can be named.
+
+    Attributes:
+        name: What is typed.
+        description: One line.
+        source: Where the law comes from.
+        settings: Name, default and unit of each setting.
+        build: Makes the controller from the layout and the settings.
+    """
+
+    name: str
+    description: str
+    source: str
+    settings: dict[str, tuple[float, str]]
+    build: Callable[..., Controller]
+
+
+_REGISTRY: dict[str, Registered] = {
+    entry.name: entry
+    for entry in (
+        Registered(
+            "passive",
+            "no actuators, all four lateral dampers (implies layout passive)",
+            "Chen, Shi, Yu, Appendix 2",
+            {},
+            lambda layout: Passive(),  # noqa: ARG005
+        ),
+        Registered(
+            "zero",
+            "actuators that never push, dampers replaced as the layout says",
+            "this project",
+            {},
+            lambda layout: Zero(layout),
+        ),
+        Registered(
+            "skyhook",
+            "F = -gain * carbody lateral velocity at each actuator",
+            "Chen, Shi, Yu, section 5; Karnopp 1995",
+            {"gain": (35e3, "N s/m")},
+            lambda layout, gain: SkyHook(gain, layout),
+        ),
+    )
+}
+
+
+def registered_controllers() -> list[Registered]:
+    """List every controller that can be named."""
+    return list(_REGISTRY.values())
+
+
+def make_controller(spec: str, layout: object = 4) -> Controller:
+    """Make a controller from its SPEC.
+
+    Args:
+        spec: `name`, `name:key=value,key=value`, or `py:module:function`.
+        layout: 2 or 4 (or "passive"); the controller `passive` implies its own.
+
+    Returns:
+        The controller.
+
+    Raises:
+        ArgumentError: The name, a key or a value is not valid.
+        ControllerError: The user's own function failed or returned no controller.
+    """
+    place = parse_layout(layout)
+    name, _, rest = spec.partition(":")
+    if name == "py":
+        return _from_module(rest, place)
+    if name not in _REGISTRY:
+        raise unknown_name("controller", name, [*_REGISTRY, "py:module:function"])
+    entry = _REGISTRY[name]
+    values = {key: default for key, (default, _) in entry.settings.items()}
+    for item in filter(None, rest.split(",")):
+        key, equals, text = item.partition("=")
+        if not equals:
+            raise ArgumentError(f"controller {spec!r}: {item!r} has no value; write key=value")
+        if key not in values:
+            if not values:
+                raise ArgumentError(f"controller {name!r} has no settings; drop {item!r}")
+            raise unknown_name(f"setting of {name}", key, values)
+        values[key] = check_text(key, text, entry.settings[key][1])
+    return entry.build(place, **values)
+
+
+def _from_module(rest: str, layout: str) -> Controller:
+    module_name, colon, function_name = rest.partition(":")
+    if not colon or not module_name or not function_name:
+        raise ArgumentError(f"controller 'py:{rest}' must be py:module:function")
+    # The user's module usually lies in the folder the command is run from.
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name and module_name.startswith(error.name):
+            raise ArgumentError(
+                f"controller module {module_name!r} was not found; it must be importable from here"
+            ) from None
+        raise ControllerError(
+            f"controller module {module_name!r} failed to load: {error}"
+        ) from error
+    except Exception as error:
+        raise ControllerError(
+            f"controller module {module_name!r} failed to load: {type(error).__name__}: {error}"
+        ) from error
+    function: Any = getattr(module, function_name, None)
+    if not callable(function):
+        raise ArgumentError(f"module {module_name!r} has no function {function_name!r}")
+    try:
+        takes_layout = len(inspect.signature(function).parameters) > 0
+        controller = function(layout) if takes_layout else function()
+    except Exception as error:
+        raise ControllerError(
+            f"{module_name}:{function_name} raised {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(controller, Controller):
+        raise ControllerError(
+            f"{module_name}:{function_name} returned {type(controller).__name__}; a controller "
+            "needs reset(num_lanes, seed) and act(observations)"
+        )
+    return controller

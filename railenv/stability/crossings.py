@@ -1,0 +1,265 @@
+"""All critical delays of a loop with one common delay: every crossing of the imaginary axis.
+
+A root s = j omega at delay tau satisfies M(j omega) v = 0 with z = exp(-j omega tau) on the unit
+circle. With V = v v^H this gives the matrix equation
+
+    A_1 (z - z_0) V + V A_1^T (1/z - z_0) + (A_0 + z_0 A_1) V + V (A_0 + z_0 A_1)^T = 0
+
+for A_0 = A, A_1 = -B K and z_0 = +1 or -1. Solving the last two terms (a Lyapunov operator) and
+keeping only what the rank-r factor of B K sees leaves a generalised eigenvalue problem of size
+2 n r in z. Its eigenvalues near the unit circle are candidates; each is corrected by Newton's
+iteration on (omega, tau) with the full matrices and kept only if it converges to a true crossing.
+
+Crossings repeat with period 2 pi / omega. Each moves the number of unstable roots by 2 in a
+direction that does not depend on the repetition (omega > 0 has its conjugate), so that the count
+for every delay follows from the count without delay. All of this is floating point and not proved.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+from scipy.linalg import lapack
+
+from railenv.errors import ArgumentError, RailenvError, check_positive
+from railenv.stability.delay_system import DelaySystem
+from railenv.stability.modes import Mode, normalised
+from railenv.units import ComplexArray, FloatArray
+
+# Candidates this close to the unit circle are tried; near-tangent pairs sit within the square root
+# of rounding, and Newton rejects what is no crossing.
+_CIRCLE_WIDTH = 1e-4
+_NEWTON_STEPS = 50
+# Convergence is quadratic: after a relative step of this size only rounding is left.
+_LAST_STEP = 1e-8
+# A crossing whose speed |Re ds/dtau| is below this share of |ds/dtau| is a touch, not a crossing.
+_TANGENT = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """One root passing through the imaginary axis at one delay.
+
+    Attributes:
+        delay: Delay at which it happens [s].
+        mode: The root j omega, omega > 0, with its shape.
+        direction: +1 if the pair turns unstable as the delay grows, -1 if it turns stable.
+        speed: ds/dtau there [1/s^2].
+    """
+
+    delay: float
+    mode: Mode
+    direction: int
+    speed: complex
+
+    @property
+    def frequency_hz(self) -> float:
+        """Crossing frequency omega / (2 pi) [Hz]."""
+        return self.mode.root.imag / (2 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalDelays:
+    """Every crossing up to the longest delay, and what follows from them.
+
+    Attributes:
+        crossings: By rising delay.
+        unstable_without_delay: Number of unstable roots at delay zero.
+        max_delay: Longest delay searched [s].
+        proved: Whether the answer is a proof; it is not.
+    """
+
+    crossings: tuple[Crossing, ...]
+    unstable_without_delay: int
+    max_delay: float
+    proved: bool = field(default=False, init=False)
+
+    @property
+    def critical_delay(self) -> float | None:
+        """Delay at which stability is first lost [s]; 0 if unstable without delay, None if never.
+
+        None means: not up to `max_delay`.
+        """
+        if self.unstable_without_delay > 0:
+            return 0.0
+        first = self.first
+        return None if first is None else first.delay
+
+    @property
+    def first(self) -> Crossing | None:
+        """The crossing at which stability is first lost, if the loop is stable without delay."""
+        if self.unstable_without_delay > 0:
+            return None
+        return next((c for c in self.crossings if c.direction > 0), None)
+
+    def unstable_roots(self, delay: float) -> int:
+        """Return the number of unstable roots at a delay that is no crossing, up to `max_delay`."""
+        if delay > self.max_delay:
+            raise ArgumentError(
+                f"delay = {delay:g} is beyond the searched {self.max_delay:g} s; raise max_delay"
+            )
+        passed = sum(2 * c.direction for c in self.crossings if c.delay < delay)
+        return self.unstable_without_delay + passed
+
+    @property
+    def stable_windows(self) -> tuple[tuple[float, float], ...]:
+        """Open delay intervals without unstable roots, up to `max_delay` [s]."""
+        edges = [0.0, *(c.delay for c in self.crossings), self.max_delay]
+        windows: list[tuple[float, float]] = []
+        for low, high in pairwise(edges):
+            if high > low and self.unstable_roots((low + high) / 2) == 0:
+                if windows and windows[-1][1] == low:
+                    windows[-1] = (windows[-1][0], high)
+                else:
+                    windows.append((low, high))
+        return tuple(windows)
+
+
+def critical_delays(system: DelaySystem, max_delay: float = 2.0) -> CriticalDelays:
+    """Find every crossing of the imaginary axis for one common delay in (0, max_delay].
+
+    Args:
+        system: The loop; all channels share the delay.
+        max_delay: Longest delay searched [s].
+
+    Returns:
+        The crossings with directions; floating point, not proved.
+
+    Raises:
+        ArgumentError: `max_delay` is not above zero, or the loop has a root on the imaginary axis
+            whatever the delay, so that no count exists.
+    """
+    longest = check_positive("max_delay", max_delay, "seconds")
+    roots = linalg.eigvals(system.scaled.undelayed)
+    size = max(float(np.abs(roots).max()), 1.0)
+    if np.any(np.abs(roots.real) <= 1e-13 * size):
+        on_axis = roots[np.argmin(np.abs(roots.real))]
+        raise ArgumentError(
+            f"the loop has a root on the imaginary axis without delay (s = {on_axis:.4g}); "
+            "stability cannot be counted from there: remove the free motion from the model"
+        )
+    found = [
+        Crossing(tau, mode, direction, speed)
+        for omega, first, direction, speed, mode in _basic_crossings(system)
+        for tau in _repetitions(first, 2 * np.pi / omega, longest)
+    ]
+    found.sort(key=lambda c: c.delay)
+    return CriticalDelays(tuple(found), int(np.sum(roots.real > 0.0)), longest)
+
+
+def _repetitions(first: float, period: float, longest: float) -> list[float]:
+    """Delays first, first + period, ... up to the longest."""
+    return [first + k * period for k in range(int(np.floor((longest - first) / period)) + 1)]
+
+
+def crossing_candidates(system: DelaySystem) -> ComplexArray:
+    """Return every z near the unit circle that may belong to a crossing; see the module's text."""
+    n = system.num_states
+    L, R = system.factor(list(range(system.num_channels)))
+    r = L.shape[1]
+    if r == 0:
+        return np.empty(0, dtype=np.complex128)
+    z0 = _best_shift(system)
+    base = system.A - z0 * (system.B @ system.K)
+    solve = _lyapunov_solver(base)
+    # Unknowns P = R V (r x n) and Q = -z_0 V R^T / z (n x r); A_1 = -L R.
+    size = 2 * r * n
+    response = np.empty((size, size))
+    for column in range(size):
+        unknown = np.zeros(size)
+        unknown[column] = 1.0
+        P, Q = unknown[: r * n].reshape(r, n), unknown[r * n :].reshape(n, r)
+        V = solve(-(L @ P) if column < r * n else -(Q @ L.T))
+        response[:, column] = np.concatenate([(R @ V).ravel(), (V @ R.T).ravel()])
+    upper: NDArray[np.bool_] = np.arange(size, dtype=np.int64) < r * n
+    # P + (z - z_0) R V = 0 and z Q - z_0 (z - z_0) V R^T = 0, as E + z F.
+    sign = np.where(upper, 1.0, -z0)[:, None]
+    F = sign * response + np.diag(np.where(upper, 0.0, 1.0))
+    E = -z0 * sign * response + np.diag(np.where(upper, 1.0, 0.0))
+    alpha, beta = linalg.eigvals(E, -F, homogeneous_eigvals=True)
+    near = np.abs(np.abs(alpha) - np.abs(beta)) <= _CIRCLE_WIDTH * np.abs(beta)
+    return alpha[near] / beta[near]
+
+
+def _basic_crossings(
+    system: DelaySystem,
+) -> list[tuple[float, float, int, complex, Mode]]:
+    """Crossings with omega tau in (0, 2 pi]: omega, tau, direction, ds/dtau, mode."""
+    scaled = system.scaled
+    found: list[tuple[float, float, int, complex, Mode]] = []
+    for z in crossing_candidates(scaled):
+        roots = linalg.eigvals(scaled.A - z * (scaled.B @ scaled.K))
+        # The candidate z fixes its root up to rounding times the problem's conditioning.
+        width = 1e-3 * np.maximum(np.abs(roots), 1e-3 * np.abs(roots).max())
+        for s in roots[(np.abs(roots.real) <= width) & (roots.imag > 0.0)]:
+            omega = float(s.imag)
+            tau = float(-np.angle(z) % (2 * np.pi)) / omega
+            corrected = _newton(scaled, omega, tau)
+            if corrected is None:
+                continue
+            omega, tau, vector, speed = corrected
+            tau = tau % (2 * np.pi / omega)
+            if any(abs(omega - o) <= 1e-9 * o and abs(tau - t) * o <= 1e-8 for o, t, *_ in found):
+                continue
+            direction = 0 if abs(speed.real) <= _TANGENT * abs(speed) else int(np.sign(speed.real))
+            mode = Mode(1j * omega, normalised(vector * system.state_scale))
+            found.append((omega, tau, direction, speed, mode))
+    return [item for item in found if item[2] != 0]
+
+
+def _newton(
+    system: DelaySystem, omega: float, tau: float
+) -> tuple[float, float, ComplexArray, complex] | None:
+    """Solve M(j omega; tau) v = 0 for real (omega, tau) by Newton's iteration."""
+    start = omega, tau
+    for _ in range(_NEWTON_STEPS):
+        delays = np.full(system.num_channels, tau)
+        s = 1j * omega
+        U, sizes, V = linalg.svd(system.characteristic_matrix(s, delays))
+        u, v = U[:, -1], np.conj(V[-1])
+        by_s = np.vdot(u, system.characteristic_derivative(s, delays) @ v)
+        by_tau = np.vdot(u, (system.B * (-s * np.exp(-s * tau))) @ (system.K @ v))
+        # sigma + by_s j d_omega + by_tau d_tau = 0: two real equations.
+        matrix = np.array([[(1j * by_s).real, by_tau.real], [(1j * by_s).imag, by_tau.imag]])
+        if abs(np.linalg.det(matrix)) <= 1e-14 * np.linalg.norm(matrix) ** 2:
+            return None
+        d_omega, d_tau = np.linalg.solve(matrix, [-sizes[-1], 0.0])
+        omega, tau = float(omega + d_omega), float(tau + d_tau)
+        if not 0.0 < omega < 10 * start[0] or abs(tau - start[1]) * start[0] > 1.0:
+            return None
+        if abs(d_omega) <= _LAST_STEP * omega and abs(d_tau) * omega <= _LAST_STEP:
+            return omega, tau, v, complex(-by_tau / by_s)
+    return None
+
+
+def _best_shift(system: DelaySystem) -> float:
+    """Choose z_0 = +-1 so that the Lyapunov operator of A_0 + z_0 A_1 is farthest from singular."""
+
+    def separation(z0: float) -> float:
+        roots = linalg.eigvals(system.A - z0 * (system.B @ system.K))
+        return float(np.abs(roots[:, None] + roots[None, :]).min() / np.abs(roots).max())
+
+    best = max((1.0, -1.0), key=separation)
+    if separation(best) <= 1e-12:
+        raise RailenvError(
+            "the loop has roots mirrored in the imaginary axis both at delay phase 0 and pi; "
+            "its crossings cannot be searched by this method: perturb a parameter slightly"
+        )
+    return best
+
+
+def _lyapunov_solver(base: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Return a function that solves base X + X base^T = right-hand side."""
+    T, Z = linalg.schur(base, output="complex")
+    trsyl: Any = lapack.ztrsyl  # type: ignore[attr-defined]
+
+    def solve(right: FloatArray) -> FloatArray:
+        # info only tells of a perturbed solve; Newton's correction judges every candidate anyway.
+        X, scale, _ = trsyl(T, T, Z.conj().T @ right @ Z, trana="N", tranb="C")
+        return (Z @ (X / scale) @ Z.conj().T).real
+
+    return solve

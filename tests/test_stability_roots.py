@@ -1,0 +1,176 @@
+"""Characteristic roots and crossings: closed forms, published values, two ways that agree."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import lambertw
+
+from railenv.errors import ArgumentError
+from railenv.stability import (
+    DelaySystem,
+    count_unstable,
+    critical_delays,
+    rightmost_roots,
+)
+from railenv.stability.spectrum import collocation_matrix
+from railenv.vehicle import LateralVehicle, mode_name
+
+
+def scalar(a: float, k: float) -> DelaySystem:
+    """x' = a x - k x(t - tau)."""
+    return DelaySystem([[a]], [[1.0]], [[k]])
+
+
+def oscillator(k: float, c: float, g: float) -> DelaySystem:
+    """x'' + c x' + k x = -g x'(t - tau)."""
+    return DelaySystem([[0.0, 1.0], [-k, -c]], [[0.0], [1.0]], [[0.0, g]])
+
+
+def test_the_scalar_equation_has_lamberts_roots() -> None:
+    # s = W_k(-tau) / tau solves s + exp(-s tau) = 0
+    exact = sorted((lambertw(-0.7, k) / 0.7 for k in range(5)), key=lambda s: -s.real)
+    roots = [mode.root for mode in rightmost_roots(scalar(0.0, 1.0), 0.7, 5)]
+    np.testing.assert_allclose(roots, exact, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("system", "omega", "delay"),
+    [
+        (scalar(0.0, 1.0), 1.0, np.pi / 2),
+        (scalar(0.5, 1.0), np.sqrt(3) / 2, 1.20919957615615),
+        (scalar(-1.0, 2.0), np.sqrt(3), 1.20919957615615),
+        (
+            DelaySystem([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[1.0, 1.0]]),
+            1.27201964951407,
+            0.711118648715793,
+        ),
+    ],
+)
+def test_known_first_crossings_are_found_to_all_digits(
+    system: DelaySystem, omega: float, delay: float
+) -> None:
+    first = critical_delays(system).first
+    assert first is not None
+    assert first.mode.root.imag == pytest.approx(omega, rel=1e-12)
+    assert first.delay == pytest.approx(delay, rel=1e-12)
+
+
+@given(k=st.floats(1.0, 200.0), c=st.floats(0.01, 2.0), ratio=st.floats(1.05, 20.0))
+def test_velocity_feedback_of_one_mass_crosses_where_the_closed_form_says(
+    k: float, c: float, ratio: float
+) -> None:
+    g = ratio * c
+    # cos(omega tau) = -c / g; omega = (+-sqrt(g^2 - c^2) + sqrt(g^2 - c^2 + 4 k)) / 2
+    root = np.sqrt(g**2 - c**2)
+    expected = []
+    for sign in (1, -1):
+        omega = (sign * root + np.sqrt(root**2 + 4 * k)) / 2
+        phase = np.arccos(-c / g) if sign > 0 else 2 * np.pi - np.arccos(-c / g)
+        expected += [
+            ((phase + 2 * np.pi * n) / omega, sign)
+            for n in range(40)
+            if (phase + 2 * np.pi * n) / omega <= 2.0
+        ]
+    found = critical_delays(oscillator(k, c, g), 2.0).crossings
+    assert [x.delay for x in found] == pytest.approx(sorted(d for d, _ in expected), rel=1e-9)
+    assert [x.direction for x in found] == [s for _, s in sorted(expected)]
+
+
+def test_a_gain_below_the_damping_never_crosses() -> None:
+    assert critical_delays(oscillator(50.0, 0.6, 0.5)).crossings == ()
+
+
+def test_stability_returns_in_a_second_window() -> None:
+    answer = critical_delays(oscillator((2 * np.pi * 1.2) ** 2, 0.6, 1.5))
+    windows = answer.stable_windows
+    assert len(windows) > 1
+    middle = (windows[1][0] + windows[1][1]) / 2
+    assert rightmost_roots(oscillator((2 * np.pi * 1.2) ** 2, 0.6, 1.5), middle, 1)[0].root.real < 0
+
+
+def test_the_papers_loop_has_its_crossings_with_modes(
+    vehicle: LateralVehicle, loop: DelaySystem
+) -> None:
+    found = [
+        (c.delay, c.frequency_hz, c.direction, mode_name(vehicle, c.mode.root, c.mode.shape))
+        for c in critical_delays(loop, 0.6).crossings
+    ]
+    assert [x[0] for x in found] == pytest.approx([0.2020, 0.2132, 0.3712], abs=5e-5)
+    assert [x[1] for x in found] == pytest.approx([1.3230, 1.3111, 0.7154], abs=5e-5)
+    assert [x[2] for x in found] == [1, 1, 1]
+    assert [x[3] for x in found] == ["upper centre roll", "carbody yaw", "lower centre roll"]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_staircase_of_crossings_is_the_count_of_roots(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n, m = int(rng.integers(2, 7)), int(rng.integers(1, 3))
+    A = rng.normal(size=(n, n)) - 1.2 * np.eye(n)
+    system = DelaySystem(A, rng.normal(size=(n, m)), rng.normal(size=(m, n)))
+    answer = critical_delays(system, 3.0)
+    edges = [0.0, *(c.delay for c in answer.crossings), 3.0]
+    for low, high in pairwise(edges):
+        middle = (low + high) / 2
+        assert answer.unstable_roots(middle) == count_unstable(system, middle)
+
+
+def test_root_speed_at_a_crossing_is_the_slope_of_the_root(loop: DelaySystem) -> None:
+    first = critical_delays(loop, 0.25).first
+    assert first is not None
+    step = 1e-5
+    before, after = (rightmost_roots(loop, first.delay + d, 1)[0].root for d in (-step, step))
+    # central difference: error of the order of step squared
+    assert (after - before) / (2 * step) == pytest.approx(first.speed, rel=1e-6)
+
+
+def test_every_root_solves_the_characteristic_equation(loop: DelaySystem) -> None:
+    for delay in (0.0, 0.003, 0.1, 0.2, 0.5):
+        delays = loop.delays(delay)
+        for mode in rightmost_roots(loop, delay, 12):
+            M = loop.characteristic_matrix(mode.root, delays)
+            residual = (
+                np.linalg.norm(M @ mode.shape) / np.linalg.norm(M) / np.linalg.norm(mode.shape)
+            )
+            assert residual < 1e-10
+
+
+def test_delays_of_their_own_per_channel_agree_with_a_finer_grid(loop: DelaySystem) -> None:
+    delays = np.array([0.05, 0.1, 0.1, 0.2])
+    fine = np.linalg.eigvals(collocation_matrix(loop.scaled, delays, 40))
+    rightmost = fine[np.argsort(-fine.real)]
+    rightmost = rightmost[rightmost.imag >= 0.0][:6]
+    roots = [mode.root for mode in rightmost_roots(loop, delays.tolist(), 6)]
+    np.testing.assert_allclose(roots, rightmost, rtol=1e-8)
+
+
+def test_equal_delays_per_channel_are_one_common_delay(loop: DelaySystem) -> None:
+    common = [m.root for m in rightmost_roots(loop, 0.2, 5)]
+    assert [m.root for m in rightmost_roots(loop, [0.2] * 4, 5)] == pytest.approx(common, rel=1e-12)
+
+
+def test_two_rare_roots_of_one_place_are_both_listed(loop: DelaySystem) -> None:
+    # the antisymmetric yaw-damper nodes decay alone at K / C = 8.8e6 / 330e3, once per bogie
+    roots = np.array([m.root for m in rightmost_roots(loop, 0.0, 12)])
+    assert np.sum(np.abs(roots + 8.8e6 / 330e3) < 1e-6) == 2
+
+
+def test_a_free_motion_is_refused_and_not_counted() -> None:
+    free = DelaySystem([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[0.0, 1.0]])
+    with pytest.raises(ArgumentError, match="imaginary axis"):
+        critical_delays(free)
+
+
+def test_an_unstable_loop_without_delay_has_critical_delay_zero() -> None:
+    assert critical_delays(scalar(1.0, 0.5)).critical_delay == 0.0
+
+
+def test_a_delay_beyond_the_search_has_no_count() -> None:
+    with pytest.raises(ArgumentError, match="beyond the searched"):
+        critical_delays(scalar(0.0, 1.0), 1.0).unstable_roots(1.5)
+
+
+def test_nothing_claims_to_be_proved(loop: DelaySystem) -> None:
+    assert critical_delays(loop).proved is False
