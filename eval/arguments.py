@@ -1,0 +1,92 @@
+"""Arguments of the command line in the library's own terms, progress bars and JSON output."""
+
+import argparse
+import json
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from baselines import Controller, make_controller
+from eval.rollout import Stepping
+from railenv.actuation import ActuatorSpec
+from railenv.errors import (
+    ArgumentError,
+    OutputError,
+    check_not_negative,
+    check_positive,
+    check_text,
+)
+from railenv.files import make_folder
+from railenv.vehicle import LateralVehicle, lateral17
+
+
+def parse_loop(options: argparse.Namespace) -> tuple[Controller, LateralVehicle]:
+    """Return the controller and the vehicle; a controller that has a layout decides it."""
+    controller = make_controller(options.controller, options.layout)
+    layout = getattr(controller, "layout", options.layout)
+    speed = parse_number("speed_kmh", options.speed_kmh)
+    return controller, lateral17(options.vehicle, layout, speed)
+
+
+def parse_stepping(options: argparse.Namespace) -> Stepping:
+    """Return control period, a physics step that fits into it, and the actuator."""
+    period = check_positive(
+        "control_period", parse_number("control_period", options.control_period), "seconds"
+    )
+    lag = check_not_negative("actuator_lag", parse_number("actuator_lag", options.actuator_lag))
+    # The physics step is 5 ms, or the largest whole part of the control period below that.
+    parts = max(1, int(np.ceil(period / 0.005 - 1e-9)))
+    return Stepping(period, period / parts, ActuatorSpec(lag=lag))
+
+
+def parse_delay(text: str) -> float | tuple[float, ...]:
+    """Return one delay [s], or one per channel from a list with commas."""
+    values = tuple(
+        check_not_negative("delay", parse_number("delay", t), "seconds") for t in text.split(",")
+    )
+    return values[0] if len(values) == 1 else values
+
+
+def parse_number(name: str, text: str) -> float:
+    """Return a finite number, or raise `ArgumentError` with the argument's name."""
+    return check_text(name, text)
+
+
+def parse_whole(name: str, text: str) -> int:
+    """Return a whole number, or raise `ArgumentError` with the argument's name."""
+    try:
+        return int(text)
+    except ValueError:
+        raise ArgumentError(f"{name} = {text!r} is not a whole number") from None
+
+
+def parse_output(text: str | None, endings: tuple[str, ...]) -> Path | None:
+    """Check an output file before the work is done."""
+    if text is None:
+        return None
+    path = Path(text)
+    if path.suffix not in endings:
+        raise ArgumentError(f"{text!r} must end in {' or '.join(endings)}")
+    if path.is_dir():
+        raise OutputError(f"cannot write {path}: it is a folder")
+    make_folder(path.parent)
+    return path
+
+
+@contextmanager
+def progress_bar(
+    options: argparse.Namespace, total: int | None, unit: str
+) -> Generator[Any, None, None]:
+    """Progress on standard error, with the remaining time where the total is known."""
+    with tqdm(total=total, unit=unit, file=sys.stderr, desc=f"railenv {options.command}") as bar:
+        yield bar
+
+
+def print_json(value: object) -> None:
+    """Print one JSON object; a value that is not finite is a mistake, not output."""
+    print(json.dumps(value, allow_nan=False))

@@ -1,0 +1,158 @@
+"""The command line, `railenv`: arguments, exit status, and which command does what.
+
+Exit status: 0 done, 1 the run failed (also: cannot write), 2 bad arguments or bad input file, 130
+interrupted. Errors are one line on standard error. `--json` prints one object on standard output
+and nothing else; progress goes to standard error.
+
+Commands import what they need when they run, so that `railenv --help` is quick.
+"""
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+# One numeric thread: the matrices are small, and a threaded library on few cores is many times
+# slower. Set before numpy is loaded; what the user sets wins.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+_COMMANDS = {
+    "list": ("eval.command_simulate", "command_list"),
+    "simulate": ("eval.command_simulate", "command_simulate"),
+    "critical-delay": ("eval.command_stability", "command_critical_delay"),
+    "roots": ("eval.command_stability", "command_roots"),
+    "benchmark": ("eval.command_benchmark", "command_benchmark"),
+    "report": ("eval.command_benchmark", "command_report"),
+}
+
+EXIT_FAILED = 1
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports a bad argument in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(EXIT_BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    try:
+        options = _parser().parse_args(arguments)
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else EXIT_BAD_INPUT
+    from railenv.errors import ArgumentError, InputFileError, RailenvError
+
+    try:
+        return _run(options) or 0
+    except (ArgumentError, InputFileError) as error:
+        return _fail(options.command, error, EXIT_BAD_INPUT)
+    except RailenvError as error:
+        return _fail(options.command, error, EXIT_FAILED)
+    except KeyboardInterrupt:
+        return _fail(options.command, "interrupted", EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of a pipe has left; nothing more can be said to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_FAILED
+
+
+def _fail(command: str, error: object, status: int) -> int:
+    line = " ".join(str(error).split())
+    print(f"railenv {command}: {line}", file=sys.stderr)
+    return status
+
+
+def _run(options: argparse.Namespace) -> int | None:
+    module, function = _COMMANDS[options.command]
+    run: Callable[[argparse.Namespace], int | None]
+    run = getattr(importlib.import_module(module), function)
+    return run(options)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="railenv",
+        description="Railway vehicles under delayed active suspension: simulate, judge, benchmark.",
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
+
+    listing = commands.add_parser("list", help="what can be named")
+    listing.add_argument(
+        "kind",
+        nargs="?",
+        choices=["vehicles", "tracks", "controllers", "envs", "suites"],
+        help="only this kind",
+    )
+    _json(listing)
+
+    simulate = commands.add_parser("simulate", help="one run; prints ride index and the rest")
+    _loop(simulate)
+    simulate.add_argument("--delay", default="0", help="delay [s], or one per channel: 0.1,0.1 (0)")
+    simulate.add_argument(
+        "--track", default="tb3352", help="spectrum, flat, or a CSV file (tb3352)"
+    )
+    simulate.add_argument("--model", default="lateral17", choices=["lateral17"])
+    simulate.add_argument("--seconds", default="20", help="length of the run [s] (20)")
+    simulate.add_argument("--skip", help="time left out of the measures at the start [s] (5)")
+    simulate.add_argument("--seed", default="0", help="seed of the track (0)")
+    simulate.add_argument("--out", help="write the signals to this .npz file")
+    simulate.add_argument("--plot", help="draw the run into this .png, .svg or .pdf file")
+
+    critical = commands.add_parser("critical-delay", help="every critical delay of a loop")
+    _loop(critical)
+    critical.add_argument("--method", default="exact", help="exact, pade:N or simulation (exact)")
+    critical.add_argument("--max-delay", default="2", help="longest delay searched [s] (2)")
+
+    roots = commands.add_parser("roots", help="rightmost characteristic roots at one delay")
+    _loop(roots)
+    roots.add_argument("--delay", required=True, help="delay [s], or one per channel: 0.1,0.1")
+    roots.add_argument("--count", default="10", help="how many (10)")
+    roots.add_argument("--method", default="exact", help="exact or pade:N (exact)")
+
+    benchmark = commands.add_parser("benchmark", help="score controllers; table and report")
+    benchmark.add_argument("--suite", default="quick", help="name of a suite (quick)")
+    benchmark.add_argument(
+        "--controller", action="append", metavar="SPEC", help="instead of the suite's own; repeat"
+    )
+    benchmark.add_argument("--jobs", default="1", help="worker processes (1)")
+    benchmark.add_argument("--out", help="folder for records and report (runs/<suite>)")
+    _json(benchmark)
+
+    report = commands.add_parser("report", help="one HTML page from a benchmark's records")
+    report.add_argument("folder", help="folder of a finished benchmark")
+    return parser
+
+
+def _loop(parser: argparse.ArgumentParser) -> None:
+    """Arguments that say which loop is meant."""
+    parser.add_argument(
+        "--controller", required=True, metavar="SPEC", help="e.g. skyhook:gain=35e3"
+    )
+    parser.add_argument("--layout", default="4", help="passive, 2 or 4 (4)")
+    parser.add_argument("--speed-kmh", default="300", help="running speed [km/h] (300)")
+    parser.add_argument("--vehicle", default="paper_fit", help="name of a vehicle (paper_fit)")
+    parser.add_argument("--control-period", default="0.01", help="time between commands [s] (0.01)")
+    parser.add_argument(
+        "--actuator-lag", default="0", help="first-order lag of the actuators [s] (0)"
+    )
+    _json(parser)
+
+
+def _json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object and nothing else"
+    )
+
+
+def _entry() -> Any:
+    sys.exit(main())
+
+
+if __name__ == "__main__":
+    _entry()

@@ -1,0 +1,50 @@
+"""`railenv benchmark` and `railenv report`."""
+
+import argparse
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from baselines import make_controller
+from eval.arguments import parse_whole, print_json, progress_bar
+from eval.benchmark import run_benchmark
+from eval.report import summary_table, write_report
+from eval.scenarios import load_suite
+from railenv.errors import check_count
+from railenv.files import make_folder
+
+
+def command_benchmark(options: argparse.Namespace) -> int:
+    """Run a suite, print its table and write its report."""
+    suite = load_suite(options.suite)
+    if options.controller:
+        suite = replace(suite, controllers=tuple(dict.fromkeys(options.controller)))
+    jobs = check_count("jobs", parse_whole("jobs", options.jobs))
+    for spec, layout, _ in suite.groups():
+        make_controller(spec, layout)
+    folder = Path(options.out or Path("runs") / options.suite)
+    make_folder(folder)
+    command = shlex.join(["railenv", *sys.argv[1:]])
+    total = len(list(suite.groups()))
+    with progress_bar(options, total, "group") as bar:
+
+        def tell(group: tuple[str, str, float]) -> None:
+            bar.set_postfix_str(f"{group[0]}, layout {group[1]}")
+            bar.update()
+
+        records = run_benchmark(suite, folder, command, jobs, tell)
+    if options.json:
+        print_json(records)
+    else:
+        print(summary_table(records))
+        print(f"records: {folder / 'records.json'}")
+    page = write_report(folder)
+    if not options.json:
+        print(f"report:  {page}")
+    return 0
+
+
+def command_report(options: argparse.Namespace) -> None:
+    """Write a benchmark's HTML page."""
+    print(write_report(Path(options.folder)))

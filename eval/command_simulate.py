@@ -1,0 +1,141 @@
+"""`railenv list` and `railenv simulate`."""
+
+import argparse
+from dataclasses import replace
+
+from baselines import registered_controllers
+from eval.arguments import (
+    parse_delay,
+    parse_loop,
+    parse_number,
+    parse_output,
+    parse_stepping,
+    parse_whole,
+    print_json,
+    progress_bar,
+)
+from eval.measures import measure
+from eval.rollout import rollout
+from eval.scenarios import load_suite
+from railenv.actuation import DelaySpec
+from railenv.config import config_names
+from railenv.envs.registration import env_ids
+from railenv.errors import ArgumentError, check_count, check_not_negative, check_positive
+from railenv.metrics import grade
+from railenv.simulation import required_length, wheelset_inputs, whole_multiple
+from railenv.track import get_spectrum, make_track, spectrum_names
+from railenv.vehicle import get_vehicle, vehicle_names
+
+_SHORTEST_MEASURE = 5.0
+"""One segment of the ride index [s]."""
+
+
+def command_list(options: argparse.Namespace) -> None:
+    """Print what can be named."""
+    tables: dict[str, dict[str, str]] = {
+        "vehicles": {name: get_vehicle(name).description for name in vehicle_names()},
+        "tracks": {
+            "flat": "straight and level",
+            **{name: get_spectrum(name).description for name in spectrum_names()},
+            "FILE.csv": "a measured track: distance_m and alignment_mm, cross_level_mm, ...",
+        },
+        "controllers": {
+            entry.name
+            + "".join(f":{key}={value:g}" for key, (value, _) in entry.settings.items()): (
+                f"{entry.description} [{entry.source}]"
+            )
+            for entry in registered_controllers()
+        }
+        | {"py:module:function": "a controller of your own"},
+        "envs": dict.fromkeys(env_ids(), "Gymnasium id"),
+        "suites": {name: load_suite(name).version for name in config_names("benchmark")},
+    }
+    chosen = {options.kind: tables[options.kind]} if options.kind else tables
+    if options.json:
+        print_json(chosen)
+        return
+    for kind, entries in chosen.items():
+        print(f"{kind}:")
+        width = max(len(name) for name in entries)
+        for name, description in entries.items():
+            print(f"  {name:<{width}}  {description}")
+
+
+def command_simulate(options: argparse.Namespace) -> None:
+    """Run one simulation and print its measures."""
+    controller, vehicle = parse_loop(options)
+    seconds = check_positive("seconds", parse_number("seconds", options.seconds), "seconds")
+    skip = _skip(options.skip, seconds)
+    seed = check_count("seed", parse_whole("seed", options.seed), minimum=0)
+    delays = DelaySpec(parse_delay(options.delay)).per_channel(vehicle.num_actuators or 1)
+    delays = delays[: vehicle.num_actuators]
+    stepping = parse_stepping(options)
+    plot = parse_output(options.plot, (".png", ".svg", ".pdf"))
+    out = parse_output(options.out, (".npz",))
+    periods = whole_multiple("seconds", seconds, "control_period", stepping.control_period)
+    steps = whole_multiple("seconds", seconds, "time_step", stepping.time_step)
+    track = make_track(options.track, required_length(vehicle, seconds), seed)
+    inputs = wheelset_inputs(vehicle, track, stepping.time_step, steps)
+    with progress_bar(options, periods, "period") as bar:
+        trajectory = rollout(
+            controller,
+            vehicle,
+            delays[None, :],
+            seconds,
+            track_inputs=inputs[None],
+            stepping=stepping,
+            seed=seed,
+            progress=bar.update,
+        )
+    measures = measure(trajectory, skip, stepping.actuator.force_limit).lane(0)
+    settings = {
+        "controller": options.controller,
+        "layout": vehicle.layout,
+        "vehicle": options.vehicle,
+        "model": options.model,
+        "speed_kmh": float(options.speed_kmh),
+        "track": options.track,
+        "seed": seed,
+        "delay_s": list(map(float, delays)),
+        "seconds": seconds,
+        "skip_s": skip,
+        "control_period_s": stepping.control_period,
+        "time_step_s": stepping.time_step,
+        "actuator_lag_s": stepping.actuator.lag,
+        "force_limit_n": stepping.actuator.force_limit,
+    }
+    trajectory = replace(trajectory, settings=settings)
+    if out is not None:
+        trajectory.save(out)
+    if plot is not None:
+        from eval.run_plot import plot_run
+
+        plot_run(trajectory, plot)
+    if options.json:
+        print_json({"settings": settings, "measures": measures})
+        return
+    worse = max(
+        (w for w in (measures["ride_index_front"], measures["ride_index_rear"]) if w is not None),
+        default=None,
+    )
+    state = "DIVERGED" if measures["diverged"] else "did not diverge"
+    print(f"{options.controller}, layout {vehicle.layout}, {options.track}: {state}")
+    for name, value in measures.items():
+        if name != "diverged":
+            print(f"  {name:<28} {'-' if value is None else format(value, '.4g')}")
+    if worse is not None:
+        print(f"  worse floor end: Wz {worse:.3f} ({grade(worse)})")
+
+
+def _skip(text: str | None, seconds: float) -> float:
+    skip = (
+        (5.0 if seconds >= 5.0 + _SHORTEST_MEASURE else 0.0)
+        if text is None
+        else check_not_negative("skip", parse_number("skip", text), "seconds")
+    )
+    if seconds - skip < _SHORTEST_MEASURE:
+        raise ArgumentError(
+            f"seconds = {seconds:g} with skip = {skip:g} leaves less than one segment of "
+            f"{_SHORTEST_MEASURE:g} s; make the run longer"
+        )
+    return skip

@@ -1,0 +1,207 @@
+"""Runs a controller on a batch of vehicles and records what the metrics need."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.controller import Controller
+from railenv.actuation import ActuatorSpec
+from railenv.envs.observation import (
+    DEFAULT_ACTION_SCALE,
+    DEFAULT_MAX_DELAY,
+    Observer,
+    measured_names,
+    pipe_length,
+    recorded_columns,
+)
+from railenv.errors import ControllerError
+from railenv.simulation import (
+    DEFAULT_CONTROL_PERIOD,
+    DEFAULT_TIME_STEP,
+    LateralSimulation,
+    Trajectory,
+    whole_multiple,
+)
+from railenv.units import FloatArray
+from railenv.vehicle import LateralVehicle
+from railenv.vehicle.coordinates import actuator_positions
+
+ACCELERATIONS = (
+    "floor_front_lateral_acceleration",
+    "floor_rear_lateral_acceleration",
+    "bogie1_lateral_acceleration",
+    "bogie2_lateral_acceleration",
+)
+
+BLOW_UP = 1e4
+"""A state beyond this (metres, radians, per second) is stopped: the linear vehicle is unstable."""
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """How a run is stepped and what its actuators can do.
+
+    Attributes:
+        control_period: Time between commands [s].
+        time_step: Physics step [s].
+        actuator: Limits and lag.
+        max_delay: Longest delay whose past actions are observed [s].
+    """
+
+    control_period: float = DEFAULT_CONTROL_PERIOD
+    time_step: float = DEFAULT_TIME_STEP
+    actuator: ActuatorSpec = field(default_factory=ActuatorSpec)
+    max_delay: float = DEFAULT_MAX_DELAY
+
+
+class ControlledBatch:
+    """A controller in closed loop with a batch of vehicles.
+
+    Args:
+        controller: The controller.
+        vehicle: The vehicle.
+        record: Outputs or states to record at every physics step.
+        stepping: Steps, limits and lag.
+
+    Attributes:
+        blown_up: Lanes whose state left every bound; they stand still and record NaN from there.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        vehicle: LateralVehicle,
+        record: tuple[str, ...],
+        stepping: Stepping,
+    ) -> None:
+        self.controller = controller
+        self.vehicle = vehicle
+        self.record = record
+        self.stepping = stepping
+        measured = measured_names(vehicle, "sensors")
+        outputs = tuple(dict.fromkeys((*measured, *record)))
+        self.simulation = LateralSimulation(
+            vehicle,
+            outputs,
+            actuator=stepping.actuator,
+            control_period=stepping.control_period,
+            time_step=stepping.time_step,
+        )
+        length = pipe_length(stepping.max_delay, stepping.control_period)
+        self._observer = Observer(measured, vehicle.num_actuators, length)
+        self._measured = recorded_columns(self.simulation, measured)
+        self._recorded = recorded_columns(self.simulation, record)
+        self._scale = float(getattr(controller, "action_scale", DEFAULT_ACTION_SCALE))
+        self.blown_up: NDArray[np.bool_] = np.zeros(1, dtype=bool)
+        self.commands: FloatArray = np.zeros((1, vehicle.num_actuators))
+
+    def reset(
+        self,
+        delays: FloatArray,
+        track_inputs: FloatArray | None = None,
+        track_of_lane: NDArray[np.int64] | None = None,
+        seed: int = 0,
+        initial_state: FloatArray | None = None,
+    ) -> None:
+        """Start every lane, at rest if nothing else is said; see `LateralSimulation.reset`."""
+        lanes = delays.shape[0]
+        self.simulation.reset(delays, track_inputs, track_of_lane, initial_state)
+        self._observer.reset(lanes)
+        self.blown_up = np.zeros(lanes, dtype=bool)
+        self._call("reset", lambda: self.controller.reset(lanes, seed))
+        self._now = self.simulation.measure()[:, self._measured]
+
+    def advance(self) -> FloatArray:
+        """Decide and advance by one control period.
+
+        Returns:
+            Recorded outputs, shape (lanes, steps, record).
+
+        Raises:
+            ControllerError: The controller raised, or returned a wrong shape or no finite number.
+        """
+        observations = self._observer.observe(self._now)
+        shape = (observations.shape[0], self.vehicle.num_actuators)
+        actions = np.asarray(self._call("act", lambda: self.controller.act(observations)), float)
+        if actions.shape != shape:
+            raise ControllerError(
+                f"act returned shape {actions.shape}; it must be {shape}: (lanes, channels)"
+            )
+        if not np.all(np.isfinite(actions)):
+            raise ControllerError("act returned a value that is not finite")
+        self._observer.push(actions)
+        self.commands = self._scale * actions
+        outputs = self.simulation.advance(self.commands)
+        new = ~(np.abs(self.simulation.state).max(axis=1) <= BLOW_UP)
+        if np.any(new):
+            self.blown_up |= new
+            self.simulation.state[self.blown_up] = 0.0
+        if np.any(self.blown_up):
+            outputs[self.blown_up] = np.nan
+        self._now = np.nan_to_num(outputs[:, -1, self._measured])
+        return outputs[:, :, self._recorded]
+
+    def _call(self, what: str, function: Callable[[], Any]) -> Any:
+        try:
+            return function()
+        except Exception as error:
+            raise ControllerError(
+                f"the controller's {what} raised {type(error).__name__}: {error}"
+            ) from error
+
+
+def force_names(vehicle: LateralVehicle) -> tuple[str, ...]:
+    """Return the names of the actuator forces."""
+    return tuple(f"actuator_force_{k}" for k in actuator_positions(vehicle.layout))
+
+
+def rollout(
+    controller: Controller,
+    vehicle: LateralVehicle,
+    delays: FloatArray,
+    duration: float,
+    *,
+    track_inputs: FloatArray | None = None,
+    track_of_lane: NDArray[np.int64] | None = None,
+    record: tuple[str, ...] | None = None,
+    stepping: Stepping | None = None,
+    seed: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> Trajectory:
+    """Run a controller for a while.
+
+    Args:
+        controller: The controller.
+        vehicle: The vehicle.
+        delays: Delay of every lane and channel, shape (lanes, channels) [s].
+        duration: Length of the run [s], a whole number of control periods.
+        track_inputs: Tracks, see `railenv.simulation.wheelset_inputs`.
+        track_of_lane: Track of each lane.
+        record: Outputs or states to record; accelerations and forces by default.
+        stepping: Steps, limits and lag.
+        seed: Given to the controller.
+        progress: Called with the number of control periods just done.
+
+    Returns:
+        Recorded signals at every physics step; lanes that blew up end in NaN.
+
+    Raises:
+        ArgumentError: A setting is out of range.
+        ControllerError: The controller broke the protocol.
+    """
+    steps = Stepping() if stepping is None else stepping
+    names = (*ACCELERATIONS, *force_names(vehicle)) if record is None else record
+    batch = ControlledBatch(controller, vehicle, names, steps)
+    batch.reset(delays, track_inputs, track_of_lane, seed)
+    periods = whole_multiple("duration", duration, "control_period", steps.control_period)
+    per_period = batch.simulation.steps_per_command
+    values = np.empty((delays.shape[0], periods * per_period, len(names)))
+    for k in range(periods):
+        values[:, k * per_period : (k + 1) * per_period] = batch.advance()
+        if progress is not None:
+            progress(1)
+    time = steps.time_step * np.arange(1, periods * per_period + 1, dtype=np.float64)
+    return Trajectory(time, names, values)

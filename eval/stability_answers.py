@@ -1,0 +1,143 @@
+"""The oracle's answers in plain values: one form for command line, records and report."""
+
+from typing import Any
+
+import numpy as np
+
+from baselines.controller import Controller
+from railenv.actuation import ActuatorSpec
+from railenv.errors import ArgumentError
+from railenv.stability import (
+    CriticalDelays,
+    DelaySystem,
+    Mode,
+    critical_delays,
+    follow,
+    pade_critical_delays,
+    rightmost_roots,
+    sampled_critical_delay,
+)
+from railenv.vehicle import LateralVehicle, mode_name
+
+LOCUS_DELAYS_MS = tuple(range(0, 301, 4))
+"""Delays of a root locus [ms]."""
+
+LOCUS_MODES = 6
+"""Modes followed in a root locus: the rightmost ones at the first delay above zero."""
+
+
+def delay_system(
+    controller: Controller, vehicle: LateralVehicle, actuator: ActuatorSpec | None = None
+) -> DelaySystem:
+    """Return the loop of a linear controller.
+
+    Raises:
+        ArgumentError: The controller is not linear (it has no `to_delay_system`).
+    """
+    convert = getattr(controller, "to_delay_system", None)
+    if convert is None:
+        raise ArgumentError(
+            f"controller {type(controller).__name__} is not linear: it has no to_delay_system; "
+            "use --method simulation"
+        )
+    return convert(vehicle) if actuator is None else convert(vehicle, actuator)
+
+
+def critical_delay_answer(
+    system: DelaySystem,
+    vehicle: LateralVehicle,
+    period: float,
+    max_delay: float,
+    pade_order: int | None = None,
+) -> dict[str, Any]:
+    """Answer the question for the critical delay, continuous and sampled.
+
+    Args:
+        system: The loop.
+        vehicle: Names the modes.
+        period: Control period for the sampled answer [s].
+        max_delay: Longest delay searched [s].
+        pade_order: Order of the Pade model that answers instead of the exact crossings; the sampled
+            answer is the exact one in either case.
+
+    Returns:
+        Plain values under the keys of the command line's JSON.
+    """
+    exact = critical_delays(system, max_delay)
+    result = exact if pade_order is None else pade_critical_delays(system, pade_order, max_delay)
+    first = result.first
+    return {
+        "critical_delay_s": result.critical_delay,
+        "critical_delay_sampled_s": sampled_critical_delay(system, exact, period),
+        "control_period_s": period,
+        "frequency_hz": None if first is None else first.frequency_hz,
+        "mode": None if first is None else _name(vehicle, first.mode),
+        "crossings": [
+            {
+                "delay_s": c.delay,
+                "frequency_hz": c.frequency_hz,
+                "direction": "unstable" if c.direction > 0 else "stable",
+                "mode": _name(vehicle, c.mode),
+                "unstable_roots_after": _after(result, index),
+            }
+            for index, c in enumerate(result.crossings)
+        ],
+        "stable_windows_s": [list(window) for window in result.stable_windows],
+        "unstable_roots_without_delay": result.unstable_without_delay,
+        "max_delay_s": max_delay,
+        "method": "exact" if pade_order is None else f"pade:{pade_order}",
+        "proved": result.proved,
+    }
+
+
+def root_answers(modes: list[Mode], vehicle: LateralVehicle) -> list[dict[str, Any]]:
+    """Return roots as plain values."""
+    return [
+        {
+            "re": mode.root.real,
+            "im": mode.root.imag,
+            "frequency_hz": mode.frequency_hz,
+            "damped_frequency_hz": mode.damped_frequency_hz,
+            "damping_ratio": mode.damping_ratio,
+            "mode": _name(vehicle, mode),
+        }
+        for mode in modes
+    ]
+
+
+def root_locus(system: DelaySystem, vehicle: LateralVehicle) -> dict[str, Any]:
+    """Follow the rightmost oscillating modes from no delay to `LOCUS_DELAYS_MS`' end.
+
+    Returns:
+        `delay_s` and, per mode, its name without delay, `re` and `im` over the delays.
+    """
+    weight = np.diag(vehicle.mass)
+    delays = [delay / 1000.0 for delay in LOCUS_DELAYS_MS]
+    steps = [_oscillating(rightmost_roots(system, delays[0], LOCUS_MODES))]
+    for delay in delays[1:]:
+        candidates = rightmost_roots(system, delay, 3 * LOCUS_MODES)
+        steps.append(follow(steps[-1], candidates, weight))
+    return {
+        "delay_s": delays,
+        "modes": [
+            {
+                "name": _name(vehicle, steps[0][k]),
+                "re": [step[k].root.real for step in steps],
+                "im": [step[k].root.imag for step in steps],
+            }
+            for k in range(len(steps[0]))
+        ],
+    }
+
+
+def _oscillating(modes: list[Mode]) -> list[Mode]:
+    return [mode for mode in modes if mode.root.imag > 0.0]
+
+
+def _name(vehicle: LateralVehicle, mode: Mode) -> str:
+    return mode_name(vehicle, mode.root, mode.shape)
+
+
+def _after(result: CriticalDelays, index: int) -> int:
+    passed = sum(2 * c.direction for c in result.crossings[: index + 1])
+    return result.unstable_without_delay + passed
