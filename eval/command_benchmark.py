@@ -9,8 +9,9 @@ from pathlib import Path
 from baselines import make_controller
 from eval.arguments import parse_whole, print_json, progress_bar
 from eval.benchmark import run_benchmark
-from eval.report import summary_table, write_report
+from eval.report import write_report
 from eval.scenarios import load_suite
+from eval.summary import summary_table
 from railenv.errors import check_count
 from railenv.files import make_folder
 

@@ -1,24 +1,30 @@
-"""The benchmark's report: one HTML page and a table for the terminal, both from the records alone.
+"""The benchmark's report: one HTML page from the records alone.
 
 The page needs no network: charts stand in it as SVG. Names in the records (a controller's SPEC can
 be any text) are escaped by the template, which holds all HTML; `eval.charts` draws. Where records
 hold several seeds, values are means over them, and a run counts as diverged if any seed has.
 """
 
-import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from eval import charts
+from eval.locus_chart import locus_chart
 from eval.records import RECORDS_FILE, read_records, write_text
+from eval.summary import (
+    HIGHLIGHTED_GAIN,
+    Group,
+    Point,
+    first_diverged,
+    gain_of,
+    groups_of,
+    number_text,
+    tables_of,
+)
 from railenv.errors import RailenvError
 
 REPORT_FILE = "report.html"
-TABLE_DELAYS_MS = (0.0, 100.0, 200.0, 300.0)
-HIGHLIGHTED_GAIN = 35e3
-WIDTH = 120
 _LAYOUTS = {"2": "two actuators", "4": "four actuators", "passive": "no actuators"}
 _ENDS: tuple[tuple[str, Callable[["Point"], float | None]], ...] = (
     ("front floor", lambda p: p.front),
@@ -35,226 +41,6 @@ _MARKER_PATHS = {
     "p": "M20 2.5l4.5 3.3l-1.7 5.2h-5.6l-1.7 -5.2z",
 }
 """Legend marks by matplotlib's marker letter, as SVG paths around (20, 7)."""
-
-
-@dataclass(frozen=True)
-class Point:
-    """Measures at one delay [ms], means over the seeds; None if a seed blew up."""
-
-    delay_ms: float
-    front: float | None
-    rear: float | None
-    bogie: float | None
-    diverged: bool
-
-    @property
-    def worse(self) -> float | None:
-        """Wz of the worse floor end."""
-        return None if self.front is None or self.rear is None else max(self.front, self.rear)
-
-
-@dataclass(frozen=True)
-class Group:
-    """A controller on a layout at a speed, with its stability record (empty if it has none)."""
-
-    controller: str
-    layout: str
-    speed: float
-    stability: dict[str, Any]
-    tracks: dict[str, list[Point]]
-
-    @property
-    def gain(self) -> float | None:
-        """Sky-hook gain [N s/m]; None for any other controller."""
-        return gain_of(self.controller)
-
-    @property
-    def estimated(self) -> bool:
-        """Whether the critical delay comes from simulation."""
-        return self.stability.get("method") == "simulation"
-
-    def ms(self, key: str) -> float | None:
-        """Return a delay of the stability record [ms]."""
-        value = self.stability.get(key)
-        return None if value is None else 1000.0 * value
-
-    @property
-    def unstable_at_once(self) -> bool:
-        """Whether the loop is unstable without any delay."""
-        known = bool(self.stability.get("unstable_roots_without_delay"))
-        return known or self.stability.get("critical_delay_sampled_s") == 0.0
-
-    @property
-    def stands_ms(self) -> float | None:
-        """Critical delay, the sampled one where the continuous one is unknown [ms]."""
-        exact = 0.0 if self.unstable_at_once else self.ms("critical_delay_s")
-        return self.ms("critical_delay_sampled_s") if exact is None else exact
-
-
-def gain_of(spec: str) -> float | None:
-    """Return the gain of a sky-hook SPEC [N s/m], None if it is none."""
-    if spec == "skyhook":
-        return HIGHLIGHTED_GAIN
-    name, _, text = spec.partition(":gain=")
-    try:
-        return float(text) if name == "skyhook" else None
-    except ValueError:
-        return None
-
-
-def groups_of(records: dict[str, Any]) -> list[Group]:
-    """Sort cells and stability answers into groups, in the records' order."""
-    cells: dict[tuple[str, str, float], dict[str, dict[float, list[dict[str, Any]]]]] = {}
-    for cell in records["cells"]:
-        tracks = cells.setdefault((cell["controller"], cell["layout"], cell["speed_kmh"]), {})
-        tracks.setdefault(cell["track"], {}).setdefault(cell["delay_s"], []).append(cell)
-    stability = {(s["controller"], s["layout"], s["speed_kmh"]): s for s in records["stability"]}
-    groups = []
-    for key in {**cells, **stability}:
-        tracks = {
-            track: [_point(delay, runs) for delay, runs in sorted(delays.items())]
-            for track, delays in cells.get(key, {}).items()
-        }
-        groups.append(Group(key[0], key[1], key[2], stability.get(key, {}), tracks))
-    return groups
-
-
-def _point(delay: float, runs: Sequence[dict[str, Any]]) -> Point:
-    def mean(key: str) -> float | None:
-        values = [run[key] for run in runs]
-        return None if None in values else sum(values) / len(values)
-
-    return Point(
-        # 1000 * 0.29 is not 290 in floating point; delays are given to the microsecond at most.
-        delay_ms=round(1000.0 * delay, 3),
-        front=mean("ride_index_front"),
-        rear=mean("ride_index_rear"),
-        bogie=mean("bogie_rms"),
-        diverged=any(run["diverged"] for run in runs),
-    )
-
-
-def tracks_of(groups: Sequence[Group]) -> list[str]:
-    """Return the names of all tracks, in order."""
-    return list(dict.fromkeys(track for group in groups for track in group.tracks))
-
-
-def table_delays(groups: Sequence[Group]) -> list[float]:
-    """Return the delays that tables show: the nearest existing ones to `TABLE_DELAYS_MS` [ms]."""
-    known = sorted({p.delay_ms for g in groups for ps in g.tracks.values() for p in ps})
-    if not known:
-        return []
-    return sorted({min(known, key=lambda d: abs(d - wanted)) for wanted in TABLE_DELAYS_MS})
-
-
-def first_diverged(points: Sequence[Point]) -> float | None:
-    """Return the shortest delay at which a run diverged [ms]."""
-    return next((p.delay_ms for p in points if p.diverged), None)
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _stability_row(group: Group) -> list[str]:
-    about = "~" if group.estimated and group.ms("critical_delay_sampled_s") is not None else ""
-    return [
-        group.controller,
-        group.layout,
-        f"{group.speed:g}",
-        _number(group.ms("critical_delay_s"), 1),
-        about + _number(group.ms("critical_delay_sampled_s"), 1),
-        _number(group.stability.get("frequency_hz"), 3),
-        group.stability.get("mode") or "-",
-    ]
-
-
-def _comfort_row(group: Group, points: Sequence[Point], delays: Sequence[float]) -> list[str]:
-    at = {p.delay_ms: p for p in points}
-    found = [at.get(delay) for delay in delays]
-    wz = ["-" if p is None else _number(p.worse, 2) + "*" * p.diverged for p in found]
-    ends = [None if p is None else p.bogie for p in (found[0], found[-1])]
-    return [
-        group.controller,
-        group.layout,
-        f"{group.speed:g}",
-        *wz,
-        _number(first_diverged(points), 0),
-        *(_number(value, 2) for value in ends),
-    ]
-
-
-def _tables(groups: Sequence[Group]) -> list[tuple[str, list[str], list[list[str]]]]:
-    """Return title, headers and rows of the stability table and of one comfort table per track."""
-    where = ["controller", "layout", "km/h"]
-    heads = [*where, "critical [ms]", "sampled [ms]", "f [Hz]", "mode"]
-    tables = [("Critical delay", heads, [_stability_row(g) for g in groups])]
-    delays = table_delays(groups)
-    for track in tracks_of(groups):
-        heads = [
-            *where,
-            *(f"{delay:g} ms" for delay in delays),
-            "diverges",
-            f"bogie {delays[0]:g}",
-            f"bogie {delays[-1]:g}",
-        ]
-        rows = [_comfort_row(g, g.tracks[track], delays) for g in groups if track in g.tracks]
-        title = (
-            f"Track {track}: Wz of the worse floor end, first delay that diverged [ms], bogie RMS "
-            "[m/s^2]"
-        )
-        tables.append((title, heads, rows))
-    return tables
-
-
-def summary_table(records: dict[str, Any]) -> str:
-    """Return the records' main numbers as plain text for a terminal.
-
-    Args:
-        records: What `eval.records.read_records` returns.
-
-    Returns:
-        Lines of at most `WIDTH` columns.
-    """
-    groups = groups_of(records)
-    lines: list[str] = []
-    for title, heads, rows in _tables(groups):
-        lines += [*textwrap.wrap(_printable(title), WIDTH), *_text_table(heads, rows), ""]
-    lines += textwrap.wrap(
-        "-: none found up to the longest delay searched, or not known; ~: estimated by simulation; "
-        "*: diverged. Critical delays are exact to rounding, not proved, unless estimated.",
-        WIDTH,
-    )
-    for failure in records["failures"]:
-        text = (
-            f"FAILED {failure['controller']}, layout {failure['layout']}, "
-            f"{failure['speed_kmh']:g} km/h: {failure['error']}"
-        )
-        lines += textwrap.wrap(_printable(text), WIDTH, subsequent_indent="  ")
-    return "\n".join(lines)
-
-
-def _printable(text: str) -> str:
-    """Keep what a terminal shows; names in records must not send it control sequences."""
-    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
-
-
-def _text_table(heads: list[str], rows: list[list[str]]) -> list[str]:
-    cells = [[_printable(cell) for cell in row] for row in [heads, *rows]]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(heads))]
-    widths[0] = max(12, min(widths[0], WIDTH - sum(widths[1:]) - 2 * (len(widths) - 1)))
-    left = {0, 1, heads.index("mode") if "mode" in heads else 0}
-    lines = []
-    for row in cells:
-        if len(row[0]) > widths[0]:
-            half = (widths[0] - 3) // 2
-            row[0] = f"{row[0][:half]}...{row[0][len(row[0]) - (widths[0] - 3 - half) :]}"
-        parts = [
-            cell.ljust(width) if k in left else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append("  ".join(parts).rstrip()[:WIDTH])
-    return [lines[0], "-" * max(len(line) for line in lines), *lines[1:]]
 
 
 def write_report(folder: Path) -> Path:
@@ -301,7 +87,7 @@ def _page(records: dict[str, Any]) -> dict[str, Any]:
     groups = groups_of(records)
     styles = _styles(groups)
     chosen = reference_groups(groups)
-    tables = _tables(groups)
+    tables = tables_of(groups)
     return {
         "records": records,
         "records_file": RECORDS_FILE,
@@ -414,11 +200,11 @@ def _card(group: Group, groups: Sequence[Group]) -> dict[str, Any]:
     delay, mode = group.stands_ms, group.stability.get("mode")
     details = []
     if group.ms("critical_delay_s") is not None:
-        details.append(f"sampled {_number(group.ms('critical_delay_sampled_s'), 0)} ms")
+        details.append(f"sampled {number_text(group.ms('critical_delay_sampled_s'), 0)} ms")
     if group.estimated:
         details.append("estimated by simulation")
     if mode:
-        details.append(f"{_number(group.stability.get('frequency_hz'), 2)} Hz, {mode}")
+        details.append(f"{number_text(group.stability.get('frequency_hz'), 2)} Hz, {mode}")
     none = f"none up to {group.stability.get('max_delay_s', 0.0):g} s"
     place = (group.layout, group.speed)
     hooks = {g.gain: g.stands_ms for g in groups if g.gain is not None and g.stability
@@ -551,7 +337,7 @@ def _locus_panels(groups: Sequence[Group], chosen: Sequence[Group]) -> dict[str,
             continue
         small = group not in chosen
         crossings = group.stability.get("crossings") or []
-        svg = charts.locus_chart(f"locus-{number}", locus, crossings, small)
+        svg = locus_chart(f"locus-{number}", locus, crossings, small)
         within = [c for c in crossings if c["delay_s"] <= locus["delay_s"][-1]]
         later = group.ms("critical_delay_s") if not within else None
         end = f"{1000 * locus['delay_s'][-1]:g} ms"

@@ -22,8 +22,14 @@ from railenv.vehicle import LateralVehicle, mode_name
 LOCUS_DELAYS_MS = tuple(range(0, 301, 4))
 """Delays of a root locus [ms]."""
 
-LOCUS_MODES = 6
-"""Modes followed in a root locus: the rightmost ones at the first delay above zero."""
+LOCUS_ROOTS = 20
+"""Rightmost roots looked at for each delay of a root locus."""
+
+LOCUS_DEPTH = -12.0
+"""Branches that never come to the right of this are left out [1/s]."""
+
+LOCUS_STEP = 0.5
+"""Largest cost of following a root from one delay to the next; see `follow`."""
 
 
 def delay_system(
@@ -106,32 +112,40 @@ def root_answers(modes: list[Mode], vehicle: LateralVehicle) -> list[dict[str, A
 
 
 def root_locus(system: DelaySystem, vehicle: LateralVehicle) -> dict[str, Any]:
-    """Follow the rightmost oscillating modes from no delay to `LOCUS_DELAYS_MS`' end.
+    """Follow the oscillating roots near the imaginary axis through the delays.
 
     Returns:
-        `delay_s` and, per mode, its name without delay, `re` and `im` over the delays.
+        `delay_s`, and `modes`: one entry per branch with `name`, `re` and `im` over the delays,
+        None where the branch does not exist. A branch is named where it comes farthest to the
+        right; some are born far to the left from the delay itself, and some end on the real axis.
     """
     weight = np.diag(vehicle.mass)
     delays = [delay / 1000.0 for delay in LOCUS_DELAYS_MS]
-    steps = [_oscillating(rightmost_roots(system, delays[0], LOCUS_MODES))]
-    for delay in delays[1:]:
-        candidates = rightmost_roots(system, delay, 3 * LOCUS_MODES)
-        steps.append(follow(steps[-1], candidates, weight))
-    return {
-        "delay_s": delays,
-        "modes": [
-            {
-                "name": _name(vehicle, steps[0][k]),
-                "re": [step[k].root.real for step in steps],
-                "im": [step[k].root.imag for step in steps],
-            }
-            for k in range(len(steps[0]))
-        ],
-    }
-
-
-def _oscillating(modes: list[Mode]) -> list[Mode]:
-    return [mode for mode in modes if mode.root.imag > 0.0]
+    branches: list[list[Mode | None]] = []
+    for step, delay in enumerate(delays):
+        roots = rightmost_roots(system, delay, LOCUS_ROOTS)
+        candidates = [mode for mode in roots if mode.root.imag > 0.0]
+        alive = [branch for branch in branches if branch[-1] is not None]
+        last = [branch[-1] for branch in alive]
+        matched = follow([m for m in last if m is not None], candidates, weight, LOCUS_STEP)
+        for branch in branches:
+            branch.append(None)
+        for branch, mode in zip(alive, matched, strict=True):
+            branch[-1] = mode
+        taken = {id(mode) for mode in matched}
+        branches += [[None] * step + [m] for m in candidates if id(m) not in taken]
+    modes: list[dict[str, Any]] = []
+    for branch in branches:
+        rightmost = max((m for m in branch if m is not None), key=lambda m: m.root.real)
+        if rightmost.root.real > LOCUS_DEPTH:
+            modes.append(
+                {
+                    "name": _name(vehicle, rightmost),
+                    "re": [None if m is None else m.root.real for m in branch],
+                    "im": [None if m is None else m.root.imag for m in branch],
+                }
+            )
+    return {"delay_s": delays, "modes": modes}
 
 
 def _name(vehicle: LateralVehicle, mode: Mode) -> str:

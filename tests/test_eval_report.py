@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from eval.records import provenance, write_records
-from eval.report import REPORT_FILE, WIDTH, summary_table, write_report
+from eval.report import REPORT_FILE, write_report
 from eval.scenarios import load_suite
+from eval.summary import WIDTH, summary_table
 from railenv.config import to_dict
 from railenv.errors import OutputError, RailenvError
 

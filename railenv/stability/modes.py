@@ -82,20 +82,26 @@ def modal_assurance(first: ComplexArray, second: ComplexArray, weight: FloatArra
     return float(cross / sizes) if sizes > 0.0 else 0.0
 
 
-def follow(previous: list[Mode], candidates: list[Mode], weight: FloatArray) -> list[Mode]:
+def follow(
+    previous: list[Mode], candidates: list[Mode], weight: FloatArray, limit: float = np.inf
+) -> list[Mode | None]:
     """Match modes from one step of a sweep to the next.
 
-    Each previous mode gets one candidate, so that the sum over modes of (1 - MAC) plus the relative
-    step of the root is smallest.
+    The cost of a match is 1 - MAC plus the relative step of the root; the sum over the matches is
+    smallest.
 
     Args:
         previous: Modes to be followed.
-        candidates: Modes of the next step, at least as many.
+        candidates: Modes of the next step; each is given to one mode at most.
         weight: Diagonal weight of the assurance criterion.
+        limit: Matches that cost more are no matches.
 
     Returns:
-        The matched candidates, in the order of `previous`.
+        The matched candidate for each of `previous`, None where there is none.
     """
+    found: list[Mode | None] = [None] * len(previous)
+    if not previous or not candidates:
+        return found
     cost = np.array(
         [
             [
@@ -107,5 +113,7 @@ def follow(previous: list[Mode], candidates: list[Mode], weight: FloatArray) -> 
             for old in previous
         ]
     )
-    rows, columns = linear_sum_assignment(cost)
-    return [candidates[column] for _, column in sorted(zip(rows, columns, strict=True))]
+    for row, column in zip(*linear_sum_assignment(cost), strict=True):
+        if cost[row, column] <= limit:
+            found[int(row)] = candidates[int(column)]
+    return found
