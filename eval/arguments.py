@@ -82,8 +82,10 @@ def parse_output(text: str | None, endings: tuple[str, ...]) -> Path | None:
 def progress_bar(
     options: argparse.Namespace, total: int | None, unit: str
 ) -> Generator[Any, None, None]:
-    """Progress on standard error, with the remaining time where the total is known."""
-    with tqdm(total=total, unit=unit, file=sys.stderr, desc=f"railenv {options.command}") as bar:
+    """Progress on standard error, after a second, with the remaining time where it is known."""
+    with tqdm(
+        total=total, unit=unit, file=sys.stderr, desc=f"railenv {options.command}", delay=1.0
+    ) as bar:
         yield bar
 
 

@@ -31,7 +31,7 @@ def command_benchmark(options: argparse.Namespace) -> int:
     with progress_bar(options, total, "group") as bar:
 
         def tell(group: tuple[str, str, float]) -> None:
-            bar.set_postfix_str(f"{group[0]}, layout {group[1]}")
+            bar.set_postfix_str(f"{group[0]}, layout {group[1]}", refresh=False)
             bar.update()
 
         records = run_benchmark(suite, folder, command, jobs, tell)
@@ -40,7 +40,7 @@ def command_benchmark(options: argparse.Namespace) -> int:
     else:
         print(summary_table(records))
         print(f"records: {folder / 'records.json'}")
-    page = write_report(folder)
+    page = _page(options, folder)
     if not options.json:
         print(f"report:  {page}")
     return 0
@@ -48,4 +48,14 @@ def command_benchmark(options: argparse.Namespace) -> int:
 
 def command_report(options: argparse.Namespace) -> None:
     """Write a benchmark's HTML page."""
-    print(write_report(Path(options.folder)))
+    print(_page(options, Path(options.folder)))
+
+
+def _page(options: argparse.Namespace, folder: Path) -> Path:
+    with progress_bar(options, None, "chart") as bar:
+
+        def tell(word: str) -> None:
+            bar.set_postfix_str(word, refresh=False)
+            bar.update()
+
+        return write_report(folder, tell)

@@ -27,7 +27,7 @@ def command_critical_delay(options: argparse.Namespace) -> None:
         with progress_bar(options, None, "batch") as bar:
 
             def tell(word: str) -> None:
-                bar.set_postfix_str(word)
+                bar.set_postfix_str(word, refresh=False)
                 bar.update()
 
             answer = simulated_critical_delay(
@@ -35,7 +35,20 @@ def command_critical_delay(options: argparse.Namespace) -> None:
             )
     else:
         system = delay_system(controller, vehicle, stepping.actuator)
-        answer = critical_delay_answer(system, vehicle, stepping.control_period, longest, order)
+        with progress_bar(options, None, "delay") as bar:
+
+            def tell_delay(delay: float) -> None:
+                bar.set_postfix_str(f"{1000 * delay:.0f} ms", refresh=False)
+                bar.update()
+
+            answer = critical_delay_answer(
+                system,
+                vehicle,
+                stepping.control_period,
+                longest,
+                order,
+                progress=tell_delay,
+            )
     if options.json:
         print_json(answer)
         return
@@ -44,7 +57,10 @@ def command_critical_delay(options: argparse.Namespace) -> None:
         f"{options.vehicle}, method {answer['method']}"
     )
     period = 1000 * stepping.control_period
-    print(f"  critical delay, continuous           {_ms(answer['critical_delay_s'], longest)}")
+    continuous = _ms(answer["critical_delay_s"], longest)
+    if method == "simulation":
+        continuous = "not known to this method"
+    print(f"  critical delay, continuous           {continuous}")
     print(
         f"  critical delay, sampled every {period:g} ms  "
         f"{_ms(answer['critical_delay_sampled_s'], longest)}"

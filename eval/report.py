@@ -43,11 +43,12 @@ _MARKER_PATHS = {
 """Legend marks by matplotlib's marker letter, as SVG paths around (20, 7)."""
 
 
-def write_report(folder: Path) -> Path:
+def write_report(folder: Path, progress: Callable[[str], None] | None = None) -> Path:
     """Write `report.html` beside a benchmark's records.
 
     Args:
         folder: Where `records.json` lies.
+        progress: Called with a word on every chart that is drawn.
 
     Returns:
         The page's path.
@@ -73,14 +74,14 @@ def write_report(folder: Path) -> Path:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    page = environment.get_template("report.html.j2").render(_page(records))
+    page = environment.get_template("report.html.j2").render(_page(records, progress))
     path = folder / REPORT_FILE
     # JSON can hold half a surrogate pair, which no file can.
     write_text(path, page.encode("utf-8", "replace").decode("utf-8"))
     return path
 
 
-def _page(records: dict[str, Any]) -> dict[str, Any]:
+def _page(records: dict[str, Any], progress: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Return everything the template shows."""
     from eval.measures import GROWTH_LIMIT, SATURATION_LIMIT
 
@@ -88,6 +89,7 @@ def _page(records: dict[str, Any]) -> dict[str, Any]:
     styles = _styles(groups)
     chosen = reference_groups(groups)
     tables = tables_of(groups)
+    tell = progress or (lambda _: None)
     return {
         "records": records,
         "records_file": RECORDS_FILE,
@@ -99,8 +101,8 @@ def _page(records: dict[str, Any]) -> dict[str, Any]:
         "chosen_rows": [(g.controller, g.layout, f"{g.speed:g}") for g in chosen],
         "legend_entries": [style for style in styles.values() if style["used"]],
         "marker_paths": _MARKER_PATHS,
-        "comfort": _comfort_panels(groups, styles),
-        "loci": _locus_panels(groups, chosen),
+        "comfort": _comfort_panels(groups, styles, tell),
+        "loci": _locus_panels(groups, chosen, tell),
         "gains": _gain_panels(groups),
         "without_gain": sorted({g.controller for g in groups if g.gain is None}),
         "label": label,
@@ -260,12 +262,13 @@ def _styles(groups: Sequence[Group]) -> dict[str, dict[str, Any]]:
 
 
 def _comfort_panels(
-    groups: Sequence[Group], styles: dict[str, dict[str, Any]]
+    groups: Sequence[Group], styles: dict[str, dict[str, Any]], tell: Callable[[str], None]
 ) -> list[dict[str, Any]]:
     """Return per track and speed the panels of ride index and bogie acceleration."""
     places = dict.fromkeys((track, g.speed) for g in groups for track in g.tracks)
     rows = []
     for number, (track, speed) in enumerate(places):
+        tell(f"ride index, {track}")
         here = [g for g in groups if track in g.tracks and g.speed == speed]
         layouts = sorted({g.layout for g in here} - {"passive"}, reverse=True) or ["passive"]
         points = [p for g in here for p in g.tracks[track]]
@@ -329,12 +332,16 @@ def _line(
     )
 
 
-def _locus_panels(groups: Sequence[Group], chosen: Sequence[Group]) -> dict[str, list[Any]]:
+def _locus_panels(
+    groups: Sequence[Group], chosen: Sequence[Group], tell: Callable[[str], None]
+) -> dict[str, list[Any]]:
+    """Return the root loci, the chosen groups' large and the others' small."""
     panels: dict[str, list[Any]] = {"large": [], "small": []}
     for number, group in enumerate(groups):
         locus = group.stability.get("root_locus")
         if not locus or group.layout == "passive":
             continue
+        tell(f"root locus, {group.controller}")
         small = group not in chosen
         crossings = group.stability.get("crossings") or []
         svg = locus_chart(f"locus-{number}", locus, crossings, small)

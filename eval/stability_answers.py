@@ -1,5 +1,6 @@
 """The oracle's answers in plain values: one form for command line, records and report."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,7 @@ def critical_delay_answer(
     period: float,
     max_delay: float,
     pade_order: int | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
     """Answer the question for the critical delay, continuous and sampled.
 
@@ -65,6 +67,7 @@ def critical_delay_answer(
         max_delay: Longest delay searched [s].
         pade_order: Order of the Pade model that answers instead of the exact crossings; the sampled
             answer is the exact one in either case.
+        progress: Called with each delay the sampled answer looks at [s].
 
     Returns:
         Plain values under the keys of the command line's JSON.
@@ -74,7 +77,7 @@ def critical_delay_answer(
     first = result.first
     return {
         "critical_delay_s": result.critical_delay,
-        "critical_delay_sampled_s": sampled_critical_delay(system, exact, period),
+        "critical_delay_sampled_s": sampled_critical_delay(system, exact, period, progress),
         "control_period_s": period,
         "frequency_hz": None if first is None else first.frequency_hz,
         "mode": None if first is None else _name(vehicle, first.mode),

@@ -21,7 +21,7 @@ DEFAULT_CONTROL_PERIOD = 0.01
 """Control period [s]."""
 
 DEFAULT_TIME_STEP = 0.005
-"""Physics step [s]; the effect of the track's hold at this step is in docs/simulation.md."""
+"""Physics step [s]; the effect of the track's hold at this step is in docs/model.md."""
 
 
 class LateralSimulation:

@@ -11,7 +11,7 @@ belongs to the growth rate ln(z) / T. The hold adds about T / 2 to the delay: th
 the continuous one minus T / 2 plus terms of order T^2.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy import linalg
@@ -104,7 +104,10 @@ def sampled_growth_rate(
 
 
 def sampled_critical_delay(
-    system: DelaySystem, continuous: CriticalDelays, period: float
+    system: DelaySystem,
+    continuous: CriticalDelays,
+    period: float,
+    progress: Callable[[float], None] | None = None,
 ) -> float | None:
     """Return the delay at which the sampled loop first loses stability.
 
@@ -115,6 +118,7 @@ def sampled_critical_delay(
         system: The loop.
         continuous: The same loop's crossings without sampling.
         period: Control period T [s].
+        progress: Called with each delay looked at [s]; the work grows with (delay / period)^3.
 
     Returns:
         The delay [s]; 0 if unstable without delay, None if none was found up to the longest delay
@@ -136,6 +140,8 @@ def sampled_critical_delay(
 
     stable = None
     for place in places:
+        if progress is not None:
+            progress(float(place))
         if growth(float(place)) >= 0.0:
             if stable is None:
                 return 0.0
