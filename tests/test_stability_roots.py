@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
 from scipy.special import lambertw
 
 from railenv.errors import ArgumentError
@@ -115,6 +116,16 @@ def test_the_staircase_of_crossings_is_the_count_of_roots(seed: int) -> None:
     for low, high in pairwise(edges):
         middle = (low + high) / 2
         assert answer.unstable_roots(middle) == count_unstable(system, middle)
+
+
+@pytest.mark.parametrize("copies", [2, 3])
+def test_identical_loops_side_by_side_are_counted_once_each(copies: int) -> None:
+    one = oscillator(40.0, 0.6, 4.0)
+    many = DelaySystem(*(block_diag(*[matrix] * copies) for matrix in (one.A, one.B, one.K)))
+    answer, alone = critical_delays(many, 1.5), critical_delays(one, 1.5)
+    assert len(answer.crossings) == copies * len(alone.crossings)
+    for delay in (0.1, 0.3, 0.95, 1.2):
+        assert answer.unstable_roots(delay) == copies * alone.unstable_roots(delay)
 
 
 def test_root_speed_at_a_crossing_is_the_slope_of_the_root(loop: DelaySystem) -> None:

@@ -36,6 +36,11 @@ _CIRCLE_WIDTH = 1e-4
 _NEWTON_STEPS = 50
 # Convergence is quadratic: after a relative step of this size only rounding is left.
 _LAST_STEP = 1e-8
+# Two candidates this close (relative, and in phase) have converged to one crossing.
+_SAME = 1e-8
+# Singular values below this share of the largest span the null space at a crossing: Newton leaves
+# some 1e-14, and two different crossings this close together are one for every purpose.
+_NULL = 1e-10
 # A crossing whose speed |Re ds/dtau| is below this share of |ds/dtau| is a touch, not a crossing.
 _TANGENT = 1e-7
 
@@ -201,19 +206,40 @@ def _basic_crossings(
             corrected = _newton(scaled, omega, tau)
             if corrected is None:
                 continue
-            omega, tau, vector, speed = corrected
+            omega, tau = corrected
             tau = tau % (2 * np.pi / omega)
-            if any(abs(omega - o) <= 1e-9 * o and abs(tau - t) * o <= 1e-8 for o, t, *_ in found):
+            if any(abs(omega - o) <= _SAME * o and abs(tau - t) * o <= _SAME for o, t, *_ in found):
                 continue
-            direction = 0 if abs(speed.real) <= _TANGENT * abs(speed) else int(np.sign(speed.real))
-            mode = Mode(1j * omega, normalised(vector * system.state_scale))
-            found.append((omega, tau, direction, speed, mode))
+            for speed, vector in _speeds(scaled, omega, tau):
+                touches = abs(speed.real) <= _TANGENT * abs(speed)
+                direction = 0 if touches else int(np.sign(speed.real))
+                mode = Mode(1j * omega, normalised(vector * system.state_scale))
+                found.append((omega, tau, direction, speed, mode))
     return [item for item in found if item[2] != 0]
 
 
-def _newton(
-    system: DelaySystem, omega: float, tau: float
-) -> tuple[float, float, ComplexArray, complex] | None:
+def _speeds(system: DelaySystem, omega: float, tau: float) -> list[tuple[complex, ComplexArray]]:
+    """Return ds/dtau and the shape of every root that passes through j omega at this delay.
+
+    A semisimple k-fold root (identical loops side by side) leaves in k directions: with U, V the
+    null spaces of M, the speeds are the eigenvalues of -(U^H M_s V)^-1 U^H M_tau V.
+    """
+    s, delays = 1j * omega, np.full(system.num_channels, tau)
+    U, sizes, V = linalg.svd(system.characteristic_matrix(s, delays))
+    count = max(1, int(np.sum(sizes <= _NULL * sizes[0])))
+    left, right = U[:, -count:], np.conj(V[-count:]).T
+    by_s = left.conj().T @ system.characteristic_derivative(s, delays) @ right
+    by_tau = left.conj().T @ _delay_derivative(system, s, tau) @ right
+    speeds, mixes = linalg.eig(-by_tau, by_s)
+    return [(complex(speeds[k]), right @ mixes[:, k]) for k in range(count)]
+
+
+def _delay_derivative(system: DelaySystem, s: complex, tau: float) -> ComplexArray:
+    """Return dM/dtau = -s sum_i b_i K_i exp(-s tau), shape (n, n)."""
+    return (system.B * (-s * np.exp(-s * tau))) @ system.K
+
+
+def _newton(system: DelaySystem, omega: float, tau: float) -> tuple[float, float] | None:
     """Solve M(j omega; tau) v = 0 for real (omega, tau) by Newton's iteration."""
     start = omega, tau
     for _ in range(_NEWTON_STEPS):
@@ -222,7 +248,7 @@ def _newton(
         U, sizes, V = linalg.svd(system.characteristic_matrix(s, delays))
         u, v = U[:, -1], np.conj(V[-1])
         by_s = np.vdot(u, system.characteristic_derivative(s, delays) @ v)
-        by_tau = np.vdot(u, (system.B * (-s * np.exp(-s * tau))) @ (system.K @ v))
+        by_tau = np.vdot(u, _delay_derivative(system, s, tau) @ v)
         # sigma + by_s j d_omega + by_tau d_tau = 0: two real equations.
         matrix = np.array([[(1j * by_s).real, by_tau.real], [(1j * by_s).imag, by_tau.imag]])
         if abs(np.linalg.det(matrix)) <= 1e-14 * np.linalg.norm(matrix) ** 2:
@@ -232,7 +258,7 @@ def _newton(
         if not 0.0 < omega < 10 * start[0] or abs(tau - start[1]) * start[0] > 1.0:
             return None
         if abs(d_omega) <= _LAST_STEP * omega and abs(d_tau) * omega <= _LAST_STEP:
-            return omega, tau, v, complex(-by_tau / by_s)
+            return omega, tau
     return None
 
 
