@@ -9,17 +9,39 @@ environment's box clips at one. State is kept inside and must not depend on the 
 A linear controller also offers `to_delay_system(vehicle)` for the stability oracle.
 """
 
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager, redirect_stdout
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import DEFAULT_ACTION_SCALE, sensor_names
-from railenv.errors import ArgumentError, check_positive, unknown_name
+from railenv.errors import ArgumentError, ControllerError, check_positive, unknown_name
 from railenv.stability import DelaySystem
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, state_space
 from railenv.vehicle.coordinates import Layout, actuator_positions, parse_layout
+
+
+@contextmanager
+def users_own_code(what: str) -> Generator[None, None, None]:
+    """Run code that is not ours: whatever it raises is a `ControllerError`, `exit` included.
+
+    What it prints goes to standard error, so that it does not mix with results.
+    """
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        try:
+            text = f"{type(error).__name__}: {error}"
+        except Exception:
+            text = type(error).__name__
+        raise ControllerError(f"{what} raised {text}") from error
 
 
 @runtime_checkable

@@ -1,7 +1,8 @@
 """Controllers by name: `make_controller("skyhook:gain=35e3")`.
 
 A SPEC is a registered name with settings after a colon, or `py:module:function` for a controller of
-the user's own; the function is called with the layout's name if it takes an argument, else without.
+the user's own. The function, or class, is called without arguments, or with `layout="2"` or "4" if
+it has a parameter of that name.
 """
 
 import importlib
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from baselines.controller import Controller
+from baselines.controller import Controller, users_own_code
 from baselines.passive import Passive, Zero
 from baselines.skyhook import SkyHook
 from railenv.errors import ArgumentError, ControllerError, check_text, unknown_name
@@ -93,8 +94,12 @@ def make_controller(spec: str, layout: object = 4) -> Controller:
         raise unknown_name("controller", name, [*_REGISTRY, "py:module:function"])
     entry = _REGISTRY[name]
     values = {key: default for key, (default, _) in entry.settings.items()}
-    for item in filter(None, rest.split(",")):
+    given: set[str] = set()
+    for item in rest.split(",") if rest else []:
         key, equals, text = item.partition("=")
+        if key in given:
+            raise ArgumentError(f"controller {spec!r}: {key} is given twice; give it once")
+        given.add(key)
         if not equals:
             raise ArgumentError(f"controller {spec!r}: {item!r} has no value; write key=value")
         if key not in values:
@@ -114,29 +119,21 @@ def _from_module(rest: str, layout: str) -> Controller:
     if here not in sys.path:
         sys.path.insert(0, here)
     try:
-        module = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        if error.name and module_name.startswith(error.name):
+        with users_own_code(f"controller module {module_name!r}"):
+            module = importlib.import_module(module_name)
+    except ControllerError as error:
+        missing = error.__cause__
+        if isinstance(missing, ModuleNotFoundError) and module_name.startswith(missing.name or "?"):
             raise ArgumentError(
                 f"controller module {module_name!r} was not found; it must be importable from here"
             ) from None
-        raise ControllerError(
-            f"controller module {module_name!r} failed to load: {error}"
-        ) from error
-    except Exception as error:
-        raise ControllerError(
-            f"controller module {module_name!r} failed to load: {type(error).__name__}: {error}"
-        ) from error
+        raise
     function: Any = getattr(module, function_name, None)
     if not callable(function):
         raise ArgumentError(f"module {module_name!r} has no function {function_name!r}")
-    try:
-        takes_layout = len(inspect.signature(function).parameters) > 0
-        controller = function(layout) if takes_layout else function()
-    except Exception as error:
-        raise ControllerError(
-            f"{module_name}:{function_name} raised {type(error).__name__}: {error}"
-        ) from error
+    with users_own_code(f"{module_name}:{function_name}"):
+        wants_layout = "layout" in inspect.signature(function).parameters
+        controller = function(layout=layout) if wants_layout else function()
     if not isinstance(controller, Controller):
         raise ControllerError(
             f"{module_name}:{function_name} returned {type(controller).__name__}; a controller "

@@ -8,22 +8,24 @@ import multiprocessing
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from baselines import make_controller
-from eval.delay_sweep import simulated_critical_delay
+from eval.delay_sweep import simulated_critical_delay, unstable_by_simulation
 from eval.measures import measure
 from eval.records import provenance, write_records
 from eval.rollout import rollout
 from eval.scenarios import Suite, cell_key
 from eval.stability_answers import critical_delay_answer, delay_system, root_locus
 from railenv.config import to_dict
-from railenv.errors import ControllerError
+from railenv.errors import RailenvError
 from railenv.files import make_folder
 from railenv.simulation import required_length, wheelset_inputs, whole_multiple
+from railenv.stability import sampled_growth_rate
 from railenv.track import make_track
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, lateral17
@@ -86,24 +88,42 @@ def _results(
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=jobs, mp_context=context) as pool:
         futures = {pool.submit(run_group, suite, group): group for group in groups}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        except BrokenProcessPool:
+            raise RailenvError(
+                "a worker process died, perhaps killed by a controller; "
+                "run with --jobs 1 to see which one"
+            ) from None
+        finally:
+            # After an interruption nobody waits for the groups that are still running.
+            if not all(future.done() for future in futures):
+                pool.shutdown(wait=False, cancel_futures=True)
+                for process in multiprocessing.active_children():
+                    process.terminate()
 
 
 def run_group(suite: Suite, group: Group) -> dict[str, Any]:
     """Run one group's cells and ask the oracle about its loop.
 
     A controller that fails costs its own cells only: the group then has a `failure` and no cells.
+    If only the oracle cannot answer, the cells stay and the failure says why.
     """
     spec, layout, speed_kmh = group
     where = {"controller": spec, "layout": layout, "speed_kmh": speed_kmh}
     vehicle = lateral17(suite.vehicle, layout, speed_kmh)
+    result: dict[str, Any] = {"cells": [], "stability": None, "failure": None}
     try:
-        cells = _cells(suite, spec, vehicle, speed_kmh)
-        stability = {**where, "vehicle": suite.vehicle, **_stability(suite, spec, vehicle)}
-    except ControllerError as error:
-        return {"cells": [], "stability": None, "failure": {**where, "error": str(error)}}
-    return {"cells": cells, "stability": stability, "failure": None}
+        result["cells"] = _cells(suite, spec, vehicle, speed_kmh)
+        answer, unstable = _stability(suite, spec, vehicle)
+        result["stability"] = {**where, "vehicle": suite.vehicle, **answer}
+    except RailenvError as error:
+        unstable = {}
+        result["failure"] = {**where, "error": str(error)}
+    for cell in result["cells"]:
+        cell["unstable"] = unstable.get(cell["delay_s"])
+    return result
 
 
 def _cells(
@@ -146,13 +166,24 @@ def _cells(
     return cells
 
 
-def _stability(suite: Suite, spec: str, vehicle: LateralVehicle) -> dict[str, Any]:
+def _stability(
+    suite: Suite, spec: str, vehicle: LateralVehicle
+) -> tuple[dict[str, Any], dict[float, bool | None]]:
+    """Return the oracle's answer, and for each delay whether the sampled loop is unstable there."""
     controller = make_controller(spec, vehicle.layout)
+    period = suite.control_period
     if not hasattr(controller, "to_delay_system"):
+        longest = max(*suite.delays, period)
         answer = simulated_critical_delay(
-            controller, vehicle, stepping=suite.stepping(), max_delay=max(suite.delays)
+            controller, vehicle, stepping=suite.stepping(), max_delay=longest
         )
-        return {**answer, "root_locus": None}
+        return {**answer, "root_locus": None}, unstable_by_simulation(answer, suite.delays)
     system = delay_system(controller, vehicle)
-    answer = critical_delay_answer(system, vehicle, suite.control_period, MAX_DELAY)
-    return {**answer, "root_locus": root_locus(system, vehicle)}
+    answer = critical_delay_answer(system, vehicle, period, MAX_DELAY)
+    # Without channels the delay means nothing: one look serves all.
+    looked = suite.delays if system.num_channels else suite.delays[:1]
+    grows = [sampled_growth_rate(system, delay, period) > 0.0 for delay in looked]
+    unstable: dict[float, bool | None] = dict(
+        zip(suite.delays, grows * (len(suite.delays) // len(looked)), strict=True)
+    )
+    return {**answer, "root_locus": root_locus(system, vehicle)}, unstable

@@ -10,6 +10,7 @@ Commands import what they need when they run, so that `railenv --help` is quick.
 import argparse
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
@@ -28,6 +29,9 @@ _COMMANDS = {
     "report": ("eval.command_benchmark", "command_report"),
 }
 
+_LONGEST_LINE = 600
+"""Longest error line; what a user gave may be of any length."""
+
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -37,7 +41,8 @@ class _Parser(argparse.ArgumentParser):
     """Reports a bad argument in one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(EXIT_BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+        line = " ".join(message.split())[:_LONGEST_LINE]
+        self.exit(EXIT_BAD_INPUT, f"{self.prog}: {line}; see {self.prog} --help\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,24 +51,47 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = _parser().parse_args(arguments)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else EXIT_BAD_INPUT
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        return _guarded(options)
+    except KeyboardInterrupt:
+        return _fail(options.command, "interrupted", EXIT_INTERRUPTED)
+
+
+def _guarded(options: argparse.Namespace) -> int:
     from railenv.errors import ArgumentError, InputFileError, RailenvError
 
     try:
-        return _run(options) or 0
+        status = _run(options) or 0
+        sys.stdout.flush()
     except (ArgumentError, InputFileError) as error:
         return _fail(options.command, error, EXIT_BAD_INPUT)
     except RailenvError as error:
         return _fail(options.command, error, EXIT_FAILED)
-    except KeyboardInterrupt:
-        return _fail(options.command, "interrupted", EXIT_INTERRUPTED)
     except BrokenPipeError:
-        # The reader of a pipe has left; nothing more can be said to it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence_stdout()  # the reader of the pipe has left; nothing more can be said to it
         return EXIT_FAILED
+    except OSError as error:
+        _silence_stdout()
+        return _fail(options.command, f"cannot write the result: {error}", EXIT_FAILED)
+    return status
+
+
+def _interrupt(*_: object) -> NoReturn:
+    """Let SIGTERM end a run as Ctrl-C does: temporary files and workers are cleared away."""
+    raise KeyboardInterrupt
+
+
+def _silence_stdout() -> None:
+    """Drop what is still buffered, so that the interpreter does not stumble over it at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(command: str, error: object, status: int) -> int:
-    line = " ".join(str(error).split())
+    text = "".join(c if c.isprintable() else " " for c in str(error))
+    line = " ".join(text.split())
+    if len(line) > _LONGEST_LINE:
+        line = line[: _LONGEST_LINE // 2] + " ... " + line[-_LONGEST_LINE // 2 :]
     print(f"railenv {command}: {line}", file=sys.stderr)
     return status
 
@@ -80,6 +108,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="railenv",
         description="Railway vehicles under delayed active suspension: simulate, judge, benchmark.",
     )
+    parser.add_argument("--version", action="version", version=_version())
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
 
     listing = commands.add_parser("list", help="what can be named")
@@ -129,10 +158,19 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _version() -> str:
+    from importlib import metadata
+
+    return f"railenv {metadata.version('railenv')}"
+
+
 def _loop(parser: argparse.ArgumentParser) -> None:
     """Arguments that say which loop is meant."""
     parser.add_argument(
-        "--controller", required=True, metavar="SPEC", help="e.g. skyhook:gain=35e3"
+        "--controller",
+        required=True,
+        metavar="SPEC",
+        help="skyhook:gain=35e3, passive, py:module:function",
     )
     parser.add_argument("--layout", default="4", help="passive, 2 or 4 (4)")
     parser.add_argument("--speed-kmh", default="300", help="running speed [km/h] (300)")

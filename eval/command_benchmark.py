@@ -3,27 +3,37 @@
 import argparse
 import shlex
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from baselines import make_controller
 from eval.arguments import parse_whole, print_json, progress_bar
 from eval.benchmark import run_benchmark
-from eval.report import write_report
+from eval.report import missing_for_report, write_report
 from eval.scenarios import load_suite
 from eval.summary import summary_table
-from railenv.errors import check_count
+from railenv.errors import ControllerError, check_count
 from railenv.files import make_folder
 
 
-def command_benchmark(options: argparse.Namespace) -> int:
+def command_benchmark(options: argparse.Namespace) -> None:
     """Run a suite, print its table and write its report."""
     suite = load_suite(options.suite)
     if options.controller:
         suite = replace(suite, controllers=tuple(dict.fromkeys(options.controller)))
     jobs = check_count("jobs", parse_whole("jobs", options.jobs))
     for spec, layout, _ in suite.groups():
-        make_controller(spec, layout)
+        # A mistyped SPEC stops here; a controller of the user's own that fails is a result.
+        with suppress(ControllerError):
+            make_controller(spec, layout)
+    missing = missing_for_report()
+    if missing:
+        print(
+            f"railenv benchmark: no page will be written, since {missing} is not installed: "
+            'pip install "railenv[report]"',
+            file=sys.stderr,
+        )
     folder = Path(options.out or Path("runs") / options.suite)
     make_folder(folder)
     command = shlex.join(["railenv", *sys.argv[1:]])
@@ -40,10 +50,10 @@ def command_benchmark(options: argparse.Namespace) -> int:
     else:
         print(summary_table(records))
         print(f"records: {folder / 'records.json'}")
-    page = _page(options, folder)
-    if not options.json:
-        print(f"report:  {page}")
-    return 0
+    if not missing:
+        page = _page(options, folder)
+        if not options.json:
+            print(f"report:  {page}")
 
 
 def command_report(options: argparse.Namespace) -> None:

@@ -17,12 +17,14 @@ from eval.arguments import (
 from eval.measures import measure
 from eval.rollout import rollout
 from eval.scenarios import load_suite
+from eval.stability_answers import delay_system
 from railenv.actuation import DelaySpec
 from railenv.config import config_names
 from railenv.envs.registration import env_ids
 from railenv.errors import ArgumentError, check_count, check_not_negative, check_positive
 from railenv.metrics import grade
 from railenv.simulation import required_length, wheelset_inputs, whole_multiple
+from railenv.stability import sampled_growth_rate
 from railenv.track import get_spectrum, make_track, spectrum_names
 from railenv.vehicle import get_vehicle, vehicle_names
 
@@ -111,8 +113,13 @@ def command_simulate(options: argparse.Namespace) -> None:
         from eval.run_plot import plot_run
 
         plot_run(trajectory, plot)
+    growth = None
+    if hasattr(controller, "to_delay_system"):
+        system = delay_system(controller, vehicle, stepping.actuator)
+        loop_delays = list(delays) or 0.0
+        growth = sampled_growth_rate(system, loop_delays, stepping.control_period)
     if options.json:
-        print_json({"settings": settings, "measures": measures})
+        print_json({"settings": settings, "measures": measures, "growth_rate": growth})
         return
     worse = max(
         (w for w in (measures["ride_index_front"], measures["ride_index_rear"]) if w is not None),
@@ -120,9 +127,12 @@ def command_simulate(options: argparse.Namespace) -> None:
     )
     state = "DIVERGED" if measures["diverged"] else "did not diverge"
     print(f"{options.controller}, layout {vehicle.layout}, {options.track}: {state}")
+    if growth is not None:
+        word = "UNSTABLE at this delay" if growth > 0.0 else "stable at this delay"
+        print(f"  the sampled loop itself is {word}: growth rate {growth:+.4f} 1/s")
     for name, value in measures.items():
         if name != "diverged":
-            print(f"  {name:<28} {'-' if value is None else format(value, '.4g')}")
+            print(f"  {name:<28} {'-' if value is None else format(value, '.4g')} {_unit(name)}")
     if worse is not None:
         print(f"  worse floor end: Wz {worse:.3f} ({grade(worse)})")
 
@@ -139,3 +149,12 @@ def _skip(text: str | None, seconds: float) -> float:
             f"{_SHORTEST_MEASURE:g} s; make the run longer"
         )
     return skip
+
+
+def _unit(measure: str) -> str:
+    """Return the unit of a measure, from `eval.measures.RunMeasures`."""
+    if measure.startswith("force"):
+        return "N"
+    if measure.startswith(("comfort", "floor", "bogie")):
+        return "m/s^2"
+    return ""

@@ -1,6 +1,7 @@
 """`railenv critical-delay` and `railenv roots`: the stability oracle on the command line."""
 
 import argparse
+from typing import Any
 
 from eval.arguments import (
     parse_delay,
@@ -15,6 +16,9 @@ from eval.delay_sweep import simulated_critical_delay
 from eval.stability_answers import critical_delay_answer, delay_system, root_answers
 from railenv.errors import ArgumentError, check_count, check_positive
 from railenv.stability import pade_roots, rightmost_roots
+
+_SHOWN = 20
+"""Most lines of a list; --json gives all."""
 
 
 def command_critical_delay(options: argparse.Namespace) -> None:
@@ -56,14 +60,28 @@ def command_critical_delay(options: argparse.Namespace) -> None:
         f"{options.controller}, layout {vehicle.layout}, {options.speed_kmh} km/h, "
         f"{options.vehicle}, method {answer['method']}"
     )
-    period = 1000 * stepping.control_period
+    _print_critical(answer, method, longest)
+    _print_crossings(answer)
+    print(
+        "  proved: no (exact to rounding)"
+        if order is None and method == "exact"
+        else "  proved: no (an estimate)"
+    )
+
+
+def _print_critical(answer: dict[str, Any], method: str, longest: float) -> None:
+    if answer.get("unstable_roots_without_delay"):
+        number = answer["unstable_roots_without_delay"]
+        print(f"  UNSTABLE WITHOUT DELAY: {number} unstable roots")
     continuous = _ms(answer["critical_delay_s"], longest)
     if method == "simulation":
         continuous = "not known to this method"
-    print(f"  critical delay, continuous           {continuous}")
+    period = f"every {1000 * answer['control_period_s']:g} ms"
+    exact = "  (exact map)" if method == "pade" else ""
+    print(f"  critical delay, continuous            {continuous}")
     print(
-        f"  critical delay, sampled every {period:g} ms  "
-        f"{_ms(answer['critical_delay_sampled_s'], longest)}"
+        f"  critical delay, sampled {period:<13} "
+        f"{_ms(answer['critical_delay_sampled_s'], longest)}{exact}"
     )
     if answer["frequency_hz"] is not None:
         print(f"  first unstable: {answer['frequency_hz']:.4f} Hz, {answer['mode']}")
@@ -72,25 +90,36 @@ def command_critical_delay(options: argparse.Namespace) -> None:
         print(f"  bracket {low:.1f} to {high:.1f} ms (estimate)")
     if answer.get("limit_cycle"):
         cycle = answer["limit_cycle"]
+        word = "limit cycle" if cycle["settled"] else "still growing"
+        sizes = [
+            "-"
+            if cycle[f"floor_{end}_amplitude"] is None
+            else f"{cycle[f'floor_{end}_amplitude']:.2f}"
+            for end in ("front", "rear")
+        ]
         print(
-            f"  limit cycle at {1000 * cycle['delay_s']:.0f} ms: floor "
-            f"{cycle['floor_front_amplitude']:.2f} / {cycle['floor_rear_amplitude']:.2f} m/s^2, "
+            f"  {word} at {1000 * cycle['delay_s']:.0f} ms: floor {' / '.join(sizes)} m/s^2, "
             f"force {cycle['force_amplitude'] / 1000:.1f} kN"
         )
-    if answer["crossings"]:
+
+
+def _print_crossings(answer: dict[str, Any]) -> None:
+    crossings = answer["crossings"]
+    if crossings:
         print("    delay [ms]  frequency [Hz]  turns     mode")
-        for crossing in answer["crossings"]:
-            print(
-                f"    {1000 * crossing['delay_s']:10.3f}  {crossing['frequency_hz']:14.4f}  "
-                f"{crossing['direction']:<8}  {crossing['mode']}"
-            )
-    windows = ", ".join(
+    for crossing in crossings[:_SHOWN]:
+        print(
+            f"    {1000 * crossing['delay_s']:10.3f}  {crossing['frequency_hz']:14.4f}  "
+            f"{crossing['direction']:<8}  {crossing['mode']}"
+        )
+    if len(crossings) > _SHOWN:
+        print(f"    ... and {len(crossings) - _SHOWN} more (--json lists all)")
+    windows = [
         f"{1000 * low:.1f} to {1000 * high:.1f} ms"
         for low, high in answer.get("stable_windows_s", [])
-    )
+    ]
     if windows:
-        print(f"  stable: {windows}")
-    print("  proved: no")
+        print(f"  stable: {', '.join(windows[:_SHOWN])} (searched to {answer['max_delay_s']:g} s)")
 
 
 def command_roots(options: argparse.Namespace) -> None:
@@ -114,10 +143,14 @@ def command_roots(options: argparse.Namespace) -> None:
         f"{options.controller}, layout {vehicle.layout}, delay {options.delay} s, method {method}"
         + (f":{order}" if order is not None else "")
     )
-    print("         re [1/s]      im [1/s]    f [Hz]  damping ratio  mode")
+    growing = sum(root["re"] > 0.0 for root in answers)
+    print(
+        f"  {'UNSTABLE' if growing else 'stable'} at this delay (continuous feedback, not proved)"
+    )
+    print("         re [1/s]      im [1/s]  |s|/2pi [Hz]  damping ratio  mode")
     for root in answers:
         print(
-            f"    {root['re']:13.6f} {root['im']:13.6f}  {root['frequency_hz']:8.4f}  "
+            f"    {root['re']:13.6f} {root['im']:13.6f}  {root['frequency_hz']:12.4f}  "
             f"{root['damping_ratio']:13.5f}  {root['mode']}"
         )
 

@@ -1,15 +1,16 @@
 """Critical delay in the time domain, for any controller (section 5.3 of the source paper).
 
 A section of irregular track excites the vehicle and ends; what is left decays or grows. The delay
-is scanned coarsely (stability can return at longer delays) and every change is then bracketed by
-repeated subdivision. The excitation is scaled down until the command is below a fifth of the force
-limit when the track ends: from large motion the limit would turn growth into a limit cycle, or even
-into decay. Stable is what tends to zero; everything else is called unstable.
+is scanned coarsely (stability can return at longer delays) and every change between two delays of
+the scan is then bracketed by repeated subdivision (two changes within one step stay unseen). The
+excitation is scaled down until the command is below a fifth of the force limit when the track ends:
+from large motion the limit would turn growth into a limit cycle, or even into decay. Stable is what
+tends to zero; everything else is called unstable.
 
 The answer includes the controller's sampling. It is a bracket, called an estimate.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from baselines.controller import Controller
 from eval.rollout import ACCELERATIONS, ControlledBatch, Stepping, force_names
 from railenv.errors import ArgumentError, check_positive
-from railenv.simulation import required_length, wheelset_inputs, whole_multiple
+from railenv.simulation import required_length, wheelset_inputs
 from railenv.track import make_track
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, mode_name
@@ -35,6 +36,9 @@ FREE_RUN = 120.0
 
 COARSE_STEP = 0.02
 """Spacing of the coarse scan [s]."""
+
+MOST_COARSE = 500
+"""Delays of the longest coarse scan."""
 
 RESOLUTION = 0.0005
 """Width at which a bracket is narrow enough [s]."""
@@ -87,6 +91,11 @@ def simulated_critical_delay(
     steps = Stepping() if stepping is None else stepping
     longest = check_positive("max_delay", max_delay, "seconds")
     check_positive("resolution", resolution, "seconds")
+    if longest > MOST_COARSE * COARSE_STEP:
+        raise ArgumentError(
+            f"max_delay = {longest:g} s is too long to simulate; "
+            f"give {MOST_COARSE * COARSE_STEP:g} s or less"
+        )
     probe = _Probe(controller, vehicle, steps, track, seed)
     tell = progress or (lambda _: None)
     tell("coarse scan")
@@ -139,6 +148,31 @@ def simulated_critical_delay(
     return answer
 
 
+def unstable_by_simulation(
+    answer: dict[str, Any], delays: Sequence[float]
+) -> dict[float, bool | None]:
+    """Read from a simulated answer whether the loop is unstable at some delays.
+
+    Args:
+        answer: What `simulated_critical_delay` returned.
+        delays: Delays up to the answer's longest one [s].
+
+    Returns:
+        For each delay, None inside a bracket.
+    """
+    verdicts: dict[float, bool | None] = {}
+    for delay in delays:
+        unstable: bool | None = answer["critical_delay_sampled_s"] == 0.0
+        for crossing in answer["crossings"]:
+            low, high = crossing["bracket_s"]
+            if low < delay < high:
+                unstable = None
+            elif delay >= high:
+                unstable = crossing["direction"] == "unstable"
+        verdicts[delay] = unstable
+    return verdicts
+
+
 class _Probe:
     """Excites a batch of vehicles, takes the track away, and watches."""
 
@@ -165,7 +199,8 @@ class _Probe:
         steps = self._excited * self._batch.simulation.steps_per_command
         faded = irregular.ended(end, TAPER)
         self._inputs = wheelset_inputs(vehicle, faded, stepping.time_step, steps)
-        self._window = whole_multiple("window", _WINDOW, "control_period", stepping.control_period)
+        # About five seconds; windows only have to be alike.
+        self._window = max(1, round(_WINDOW / stepping.control_period))
 
     def stable(self, delays: FloatArray) -> NDArray[np.bool_]:
         """Say for each delay whether the motion tends to zero."""

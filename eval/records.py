@@ -2,14 +2,15 @@
 
 Layout of `records.json`: `schema` (number), `suite` (its settings), `provenance` (versions,
 machine, command, time), `cells` (one entry per run: key, controller, layout, speed_kmh, track,
-seed, delay_s and the fields of `eval.measures.RunMeasures`), `stability` (one entry per group:
-critical delays, crossings, root locus), `failures` (groups whose controller failed, with the
-reason).
+seed, delay_s and the fields of `eval.measures.RunMeasures`, and `unstable`: the oracle's word at
+that delay), `stability` (one entry per group: critical delays, crossings, root locus), `failures`
+(groups whose controller failed, with the reason).
 """
 
 import json
 import os
 import platform
+import subprocess
 import sys
 from datetime import UTC, datetime
 from importlib import metadata
@@ -35,8 +36,21 @@ def provenance(command: str, seconds: float) -> dict[str, Any]:
         "platform": platform.platform(),
         "cores": os.cpu_count(),
         "byte_order": sys.byteorder,
+        "revision": _revision(),
         "packages": {name: metadata.version(name) for name in packages},
     }
+
+
+def _revision() -> str | None:
+    """Return the checkout's git revision, None outside a checkout."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    try:
+        done = subprocess.run(  # noqa: S603 (nothing of the user's in it)
+            command, capture_output=True, text=True, check=True, timeout=10
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
 
 
 def write_text(path: Path, text: str) -> None:
@@ -68,17 +82,21 @@ def read_records(folder: Path) -> dict[str, Any]:
     """
     path = folder / RECORDS_FILE
     try:
-        records = json.loads(path.read_text(encoding="utf-8"))
+        records = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
     except OSError as error:
         raise InputFileError(
             f"cannot read {path}: {error.strerror}; give the folder of a finished benchmark"
         ) from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputFileError(f"{path} is not JSON: {error}") from None
-    if not isinstance(records, dict) or records.get("schema") != SCHEMA:
-        found = records.get("schema") if isinstance(records, dict) else None
-        raise InputFileError(f"{path} has schema {found!r}; this version reads schema {SCHEMA}")
+    schema = records.get("schema") if isinstance(records, dict) else None
+    if type(schema) is not int or schema != SCHEMA:
+        raise InputFileError(f"{path} has schema {schema!r}; this version reads schema {SCHEMA}")
     missing = [name for name in _SECTIONS if name not in records]
     if missing:
         raise InputFileError(f"{path} lacks {', '.join(missing)}; run the benchmark again")
     return records
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no JSON number")

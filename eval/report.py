@@ -5,6 +5,7 @@ be any text) are escaped by the template, which holds all HTML; `eval.charts` dr
 hold several seeds, values are means over them, and a run counts as diverged if any seed has.
 """
 
+import importlib.util
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from eval.summary import (
     number_text,
     tables_of,
 )
-from railenv.errors import RailenvError
+from railenv.errors import InputFileError, RailenvError
 
 REPORT_FILE = "report.html"
 _LAYOUTS = {"2": "two actuators", "4": "four actuators", "passive": "no actuators"}
@@ -43,6 +44,14 @@ _MARKER_PATHS = {
 """Legend marks by matplotlib's marker letter, as SVG paths around (20, 7)."""
 
 
+def missing_for_report() -> str | None:
+    """Return the name of a package that the page needs and that is not installed, if any."""
+    for name in ("matplotlib", "jinja2"):
+        if importlib.util.find_spec(name) is None:
+            return name
+    return None
+
+
 def write_report(folder: Path, progress: Callable[[str], None] | None = None) -> Path:
     """Write `report.html` beside a benchmark's records.
 
@@ -59,14 +68,13 @@ def write_report(folder: Path, progress: Callable[[str], None] | None = None) ->
         RailenvError: Matplotlib or Jinja is not installed.
     """
     records = read_records(folder)
-    try:
-        import jinja2
-        import matplotlib  # noqa: F401
-    except ImportError as error:
+    missing = missing_for_report()
+    if missing:
         raise RailenvError(
-            f"the report needs {error.name}, which is not installed; "
-            'run pip install "railenv[report]"'
-        ) from None
+            f'the report needs {missing}, which is not installed; run pip install "railenv[report]"'
+        )
+    import jinja2
+
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
         autoescape=True,
@@ -74,7 +82,13 @@ def write_report(folder: Path, progress: Callable[[str], None] | None = None) ->
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    page = environment.get_template("report.html.j2").render(_page(records, progress))
+    try:
+        page = environment.get_template("report.html.j2").render(_page(records, progress))
+    except (LookupError, TypeError, ValueError, AttributeError, jinja2.UndefinedError) as error:
+        raise InputFileError(
+            f"{folder / RECORDS_FILE} does not hold what a benchmark writes "
+            f"({type(error).__name__}: {error}); run the benchmark again"
+        ) from error
     path = folder / REPORT_FILE
     # JSON can hold half a surrogate pair, which no file can.
     write_text(path, page.encode("utf-8", "replace").decode("utf-8"))
@@ -124,9 +138,10 @@ def layout_words(layout: str) -> str:
 
 
 def reference_groups(groups: Sequence[Group]) -> list[Group]:
-    """Choose what the page's head speaks of: per layout with actuators one group.
+    """Choose what the page's head speaks of.
 
-    Sky-hook at `HIGHLIGHTED_GAIN` if there is one, else its middle gain, else the first controller.
+    Per layout with actuators: every controller that is no sky-hook, and as a yardstick sky-hook at
+    `HIGHLIGHTED_GAIN` if there is one, else at its middle gain.
     """
     chosen = []
     active = [g for g in groups if g.layout != "passive"]
@@ -136,7 +151,8 @@ def reference_groups(groups: Sequence[Group]) -> list[Group]:
         here = [g for g in active if g.layout == layout]
         hooks = sorted((g for g in here if g.gain is not None), key=lambda g: g.gain or 0.0)
         exact = [g for g in hooks if g.gain == HIGHLIGHTED_GAIN]
-        chosen.append((exact or hooks[len(hooks) // 2 :] or here)[0])
+        chosen += [g for g in here if g.gain is None]
+        chosen += (exact or hooks[len(hooks) // 2 :])[:1]
     return chosen
 
 

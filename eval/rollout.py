@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.controller import Controller
+from baselines.controller import Controller, users_own_code
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import (
     DEFAULT_ACTION_SCALE,
@@ -17,7 +17,7 @@ from railenv.envs.observation import (
     pipe_length,
     recorded_columns,
 )
-from railenv.errors import ControllerError
+from railenv.errors import ControllerError, check_positive
 from railenv.simulation import (
     DEFAULT_CONTROL_PERIOD,
     DEFAULT_TIME_STEP,
@@ -94,7 +94,12 @@ class ControlledBatch:
         self._observer = Observer(measured, vehicle.num_actuators, length)
         self._measured = recorded_columns(self.simulation, measured)
         self._recorded = recorded_columns(self.simulation, record)
-        self._scale = float(getattr(controller, "action_scale", DEFAULT_ACTION_SCALE))
+        self._scale: float = self._call(
+            "action_scale",
+            lambda: check_positive(
+                "action_scale", getattr(controller, "action_scale", DEFAULT_ACTION_SCALE), "N"
+            ),
+        )
         self.blown_up: NDArray[np.bool_] = np.zeros(1, dtype=bool)
         self.commands: FloatArray = np.zeros((1, vehicle.num_actuators))
 
@@ -125,7 +130,7 @@ class ControlledBatch:
         """
         observations = self._observer.observe(self._now)
         shape = (observations.shape[0], self.vehicle.num_actuators)
-        actions = np.asarray(self._call("act", lambda: self.controller.act(observations)), float)
+        actions = self._call("act", lambda: _real(self.controller.act(observations)))
         if actions.shape != shape:
             raise ControllerError(
                 f"act returned shape {actions.shape}; it must be {shape}: (lanes, channels)"
@@ -145,12 +150,16 @@ class ControlledBatch:
         return outputs[:, :, self._recorded]
 
     def _call(self, what: str, function: Callable[[], Any]) -> Any:
-        try:
+        with users_own_code(f"the controller's {what}"):
             return function()
-        except Exception as error:
-            raise ControllerError(
-                f"the controller's {what} raised {type(error).__name__}: {error}"
-            ) from error
+
+
+def _real(actions: Any) -> FloatArray:
+    """Return actions as floats; a complex number is an error and loses nothing silently."""
+    array = np.asarray(actions)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"actions of type {array.dtype} are no real numbers")
+    return array.astype(float)
 
 
 def force_names(vehicle: LateralVehicle) -> tuple[str, ...]:

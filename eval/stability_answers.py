@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from baselines.controller import Controller
+from baselines.controller import Controller, users_own_code
 from railenv.actuation import ActuatorSpec
-from railenv.errors import ArgumentError
+from railenv.errors import ArgumentError, ControllerError, RailenvError
 from railenv.stability import (
-    CriticalDelays,
     DelaySystem,
     Mode,
     critical_delays,
@@ -47,7 +46,20 @@ def delay_system(
             f"controller {type(controller).__name__} is not linear: it has no to_delay_system; "
             "use --method simulation"
         )
-    return convert(vehicle) if actuator is None else convert(vehicle, actuator)
+    try:
+        with users_own_code("the controller's to_delay_system"):
+            system = convert(vehicle) if actuator is None else convert(vehicle, actuator)
+    except ControllerError as error:
+        # What the oracle itself refuses (a neutral loop, another layout) is said in its own words.
+        if isinstance(error.__cause__, RailenvError):
+            raise error.__cause__ from None
+        raise
+    if not isinstance(system, DelaySystem):
+        raise ControllerError(
+            f"the controller's to_delay_system returned {type(system).__name__}; "
+            "it must return a DelaySystem"
+        )
+    return system
 
 
 def critical_delay_answer(
@@ -75,6 +87,7 @@ def critical_delay_answer(
     exact = critical_delays(system, max_delay)
     result = exact if pade_order is None else pade_critical_delays(system, pade_order, max_delay)
     first = result.first
+    after = result.unstable_without_delay + 2 * np.cumsum([c.direction for c in result.crossings])
     return {
         "critical_delay_s": result.critical_delay,
         "critical_delay_sampled_s": sampled_critical_delay(system, exact, period, progress),
@@ -87,7 +100,7 @@ def critical_delay_answer(
                 "frequency_hz": c.frequency_hz,
                 "direction": "unstable" if c.direction > 0 else "stable",
                 "mode": _name(vehicle, c.mode),
-                "unstable_roots_after": _after(result, index),
+                "unstable_roots_after": int(after[index]),
             }
             for index, c in enumerate(result.crossings)
         ],
@@ -153,8 +166,3 @@ def root_locus(system: DelaySystem, vehicle: LateralVehicle) -> dict[str, Any]:
 
 def _name(vehicle: LateralVehicle, mode: Mode) -> str:
     return mode_name(vehicle, mode.root, mode.shape)
-
-
-def _after(result: CriticalDelays, index: int) -> int:
-    passed = sum(2 * c.direction for c in result.crossings[: index + 1])
-    return result.unstable_without_delay + passed

@@ -1,9 +1,11 @@
 """What a benchmark's records say, group by group, and the table for the terminal.
 
-Where records hold several seeds, values are means over them, and a run counts as diverged if any
-seed has.
+Where records hold several seeds, values are means over them. A run counts as diverged if it grew or
+saturated (any seed), or if the loop is unstable at its delay: close to the critical delay growth is
+too slow to see, and a controller that limits itself hides it.
 """
 
+import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -74,9 +76,10 @@ def gain_of(spec: str) -> float | None:
         return HIGHLIGHTED_GAIN
     name, _, text = spec.partition(":gain=")
     try:
-        return float(text) if name == "skyhook" else None
+        gain = float(text) if name == "skyhook" else math.nan
     except ValueError:
         return None
+    return gain if math.isfinite(gain) else None
 
 
 def groups_of(records: dict[str, Any]) -> list[Group]:
@@ -107,7 +110,7 @@ def _point(delay: float, runs: Sequence[dict[str, Any]]) -> Point:
         front=mean("ride_index_front"),
         rear=mean("ride_index_rear"),
         bogie=mean("bogie_rms"),
-        diverged=any(run["diverged"] for run in runs),
+        diverged=any(run["diverged"] or run.get("unstable") for run in runs),
     )
 
 
@@ -200,7 +203,8 @@ def summary_table(records: dict[str, Any]) -> str:
         lines += [*textwrap.wrap(_printable(title), WIDTH), *_text_table(heads, rows), ""]
     lines += textwrap.wrap(
         "-: none found up to the longest delay searched, or not known; ~: estimated by simulation; "
-        "*: diverged. Critical delays are exact to rounding, not proved, unless estimated.",
+        "*: diverged, or unstable at that delay. Critical delays are exact to rounding, not "
+        "proved, unless estimated.",
         WIDTH,
     )
     for failure in records["failures"]:

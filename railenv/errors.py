@@ -57,8 +57,9 @@ def check_finite(name: str, value: SupportsFloat, unit: str = "") -> float:
         if isinstance(value, str | bool):
             raise TypeError
         number = float(value)
-    except (TypeError, ValueError):
-        raise ArgumentError(f"{name} = {value!r} is not a number; give one{_in(unit)}") from None
+    except (TypeError, ValueError, OverflowError):
+        shown = f"{value!r}"[:40]
+        raise ArgumentError(f"{name} = {shown} is not a number; give one{_in(unit)}") from None
     if not math.isfinite(number):
         raise ArgumentError(f"{name} = {number} must be finite; give a number{_in(unit)}")
     return number
@@ -87,10 +88,13 @@ def check_not_negative(name: str, value: SupportsFloat, unit: str = "") -> float
 def check_text(name: str, text: str, unit: str = "") -> float:
     """Return the finite number that a text spells, or raise `ArgumentError`."""
     try:
+        # float() alone also reads 1_000, digits of other scripts and spaces around.
+        if not text.isascii() or "_" in text or text != text.strip():
+            raise ValueError(text)
         return check_finite(name, float(text), unit)
     except ValueError:
         raise ArgumentError(
-            f"{name} = {text!r} is not a finite number; give one{_in(unit)}"
+            f"{name} = {text[:40]!r} is not a finite number; give one{_in(unit)}"
         ) from None
 
 

@@ -26,6 +26,8 @@ def replacing(path: Path) -> Generator[IO[bytes], None, None]:
         OutputError: The file cannot be written; what stood there before is untouched.
     """
     try:
+        # A link is followed: the file it names is replaced, not the link.
+        path = path.resolve()
         handle, name = tempfile.mkstemp(
             dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix
         )

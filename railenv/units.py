@@ -29,7 +29,6 @@ NewtonSquareMetre = Annotated[float, "N m^2"]
 NewtonPerMetre = Annotated[float, "N/m"]
 NewtonSecondPerMetre = Annotated[float, "N s/m"]
 NewtonMetrePerRadian = Annotated[float, "N m/rad"]
-Count = Annotated[int, "1"]
 
 STANDARD_GRAVITY: float = 9.80665
 """Standard acceleration of gravity [m/s^2] (ISO 80000-3)."""
@@ -40,8 +39,3 @@ _KMH_PER_METRE_PER_SECOND = 3.6
 def from_kmh(speed_kmh: float) -> float:
     """Convert a speed from km/h to m/s."""
     return speed_kmh / _KMH_PER_METRE_PER_SECOND
-
-
-def to_kmh(speed: float) -> float:
-    """Convert a speed from m/s to km/h."""
-    return speed * _KMH_PER_METRE_PER_SECOND

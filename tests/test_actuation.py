@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 from railenv.actuation import ActuatorSpec, DelayLine, DelaySpec, held_input, ramped_input
-from railenv.actuation.delay import arriving
 from railenv.errors import ArgumentError
+from railenv.simulation.stepping import arriving
 
 A = np.array([[0.0, 1.0], [-40.0, -0.6]])
 B = np.array([[0.0], [2.0]])

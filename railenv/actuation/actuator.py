@@ -9,11 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from railenv.errors import check_not_negative, check_positive
+from railenv.errors import ArgumentError, check_not_negative, check_positive
 from railenv.units import FloatArray, Newton, NewtonPerSecond, Second
 
 PAPER_FORCE_LIMIT: Newton = 30e3
 """Force limit of the source paper, section 3.2 [N]."""
+
+SHORTEST_LAG: Second = 1e-6
+"""Shortest lag [s]; anything faster than the vehicle by so much is no lag."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,10 @@ class ActuatorSpec:
             check_positive("force_limit", self.force_limit, "N")
         if self.rate_limit is not None:
             check_positive("rate_limit", self.rate_limit, "N/s")
-        check_not_negative("lag", self.lag, "seconds")
+        if 0.0 < check_not_negative("lag", self.lag, "seconds") < SHORTEST_LAG:
+            raise ArgumentError(
+                f"lag = {self.lag:g} s is too short; give 0 or {SHORTEST_LAG:g} s and more"
+            )
 
     def limited(self, command: FloatArray, previous: FloatArray, period: float) -> FloatArray:
         """Return the command after both limits.

@@ -10,9 +10,9 @@ The sampled controller's own hold (about half a control period) is not part of t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from railenv.errors import ArgumentError, check_not_negative
@@ -33,8 +33,11 @@ class DelaySpec:
     delay: Second | tuple[Second, ...] = 0.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.delay, Sequence | np.ndarray):
-            values = tuple(check_not_negative("delay", d, "seconds") for d in self.delay)
+        if isinstance(self.delay, str):
+            raise ArgumentError(f"delay = {self.delay!r} is not a number; give seconds")
+        if isinstance(self.delay, Sequence) or np.ndim(self.delay) == 1:
+            given = cast("Sequence[float]", self.delay)
+            values = tuple(check_not_negative("delay", d, "seconds") for d in given)
             if not values:
                 raise ArgumentError("delay is empty; give one value or one per channel")
             object.__setattr__(self, "delay", values)
@@ -66,6 +69,8 @@ class DelayLine:
         whole_steps: Whole physics steps in each delay, shape (lanes, channels).
         remainder: What is left of each delay, in [0, time_step), shape (lanes, channels) [s].
         issued: Number of commands issued so far.
+
+    The compiled stepping reads the line; see `railenv.simulation.stepping.arriving`.
     """
 
     def __init__(
@@ -97,36 +102,3 @@ class DelayLine:
         """Send one command per lane and channel on its way, shape (lanes, channels) [N]."""
         self.commands[:, self.issued % self.commands.shape[1]] = commands
         self.issued += 1
-
-
-@njit(cache=True, inline="always")
-def arriving(
-    commands: FloatArray,
-    whole_steps: int,
-    channel: int,
-    step: int,
-    steps_per_command: int,
-) -> tuple[float, float, bool]:
-    """Return the force in effect before and after the switch inside one physics step.
-
-    Command j is issued at physics step j * steps_per_command and takes force `whole_steps` steps
-    and the remainder later.
-
-    Args:
-        commands: One lane's ring, shape (capacity, channels).
-        whole_steps: Whole steps of this channel's delay.
-        channel: Channel number.
-        step: Physics step, counted from the start.
-        steps_per_command: Physics steps in one control period.
-
-    Returns:
-        Force before [N], force after [N], and whether a switch falls into this step.
-    """
-    elapsed = step - whole_steps
-    newest = elapsed // steps_per_command
-    capacity = commands.shape[0]
-    after = commands[newest % capacity, channel] if newest >= 0 else 0.0
-    if elapsed % steps_per_command != 0:
-        return after, after, False
-    before = commands[(newest - 1) % capacity, channel] if newest >= 1 else 0.0
-    return before, after, True

@@ -17,7 +17,7 @@ from railenv.envs.observation import (
 )
 from railenv.envs.reward import ComfortFilter, RewardTerms, reward_terms
 from railenv.envs.settings import EnvSettings
-from railenv.errors import ArgumentError, unknown_name
+from railenv.errors import ArgumentError, check_count, unknown_name
 from railenv.simulation import (
     LateralSimulation,
     required_length,
@@ -161,15 +161,16 @@ class Lateral17Env(gym.Env[Observation, Observation]):
         given = options or {}
         for name in given:
             if name not in _RESET_OPTIONS:
-                raise unknown_name("reset option", name, _RESET_OPTIONS)
+                raise unknown_name("reset option", str(name), _RESET_OPTIONS)
         # Both are always drawn, so that fixing one does not change the other.
         drawn_delay = self._drawn_delays()
         drawn_track = int(self.np_random.integers(2**63))
         self._delays = self._fixed_delays(given["delay"]) if "delay" in given else drawn_delay
+        seed_of_track = check_count("track_seed", given.get("track_seed", drawn_track), minimum=0)
         s = self.settings
         steps = self._num_periods * self._simulation.steps_per_command
         length = required_length(self.vehicle, steps * s.time_step)
-        track = make_track(s.track, length, int(given.get("track_seed", drawn_track)))
+        track = make_track(s.track, length, seed_of_track)
         inputs = wheelset_inputs(self.vehicle, track, s.time_step, steps)
         self._simulation.reset(self._delays[None, :], inputs[None])
         self._observer.reset(1)
@@ -191,23 +192,28 @@ class Lateral17Env(gym.Env[Observation, Observation]):
         Raises:
             ArgumentError: The action has the wrong shape or is not finite.
         """
-        wanted = np.asarray(action, dtype=np.float64)
-        if wanted.shape != self.action_space.shape or not np.all(np.isfinite(wanted)):
+        given = np.asarray(action)
+        if given.dtype.kind not in "fiu" or given.shape != self.action_space.shape:
             raise ArgumentError(
-                f"action = {action!r} must be {self.action_space.shape} finite numbers in [-1, 1]"
+                f"action = {action!r} must be {self.action_space.shape} numbers in [-1, 1]"
             )
+        wanted = given.astype(np.float64)
+        if not np.all(np.isfinite(wanted)):
+            raise ArgumentError(f"action = {action!r} must be finite; give numbers in [-1, 1]")
         applied = np.clip(wanted, -1.0, 1.0)
         s = self.settings
         recorded = self._simulation.advance(s.action_scale * applied[None, :])
         self._observer.push(applied[None, :])
         floor = recorded[0][:, self._accelerations].T
         ended_by = self._ended_by(floor, recorded[0][:, self._displacements])
-        weighted = self._comfort.weighted_rms(floor) if ended_by != "divergence" else np.inf
+        # Beyond divergence there is no comfort to be measured: the worst that is counted stands in.
+        worst = s.comfort_cap * s.comfort_reference
+        weighted = worst if ended_by == "divergence" else self._comfort.weighted_rms(floor)
         terms = reward_terms(s, weighted, applied, bool(ended_by))
         observation, clipped = self._observation(recorded[:, -1, self._measured])
         info = self._info(
             s.action_scale * applied,
-            recorded[0, -1, self._forces],
+            np.nan_to_num(recorded[0, -1, self._forces]),
             terms,
             weighted,
             bool(np.any(applied != wanted)),

@@ -80,6 +80,9 @@ class EnvSettings:
     acceleration_limit: MetrePerSecondSquared = 20.0
 
     def __post_init__(self) -> None:
+        for name in ("vehicle", "track", "observation"):
+            if not isinstance(getattr(self, name), str):
+                raise ArgumentError(f"{name} = {getattr(self, name)!r} must be a text")
         if parse_layout(self.layout) == "passive":
             raise ArgumentError("layout = 'passive' has no actuator to control; choose 2 or 4")
         get_vehicle(self.vehicle)
@@ -97,6 +100,11 @@ class EnvSettings:
             check_positive(name, getattr(self, name), unit)
         for name in ("max_delay", "effort_weight", "divergence_penalty"):
             check_not_negative(name, getattr(self, name))
+        for name, longest in (("episode_seconds", 3600.0), ("max_delay", 10.0)):
+            if getattr(self, name) > longest:
+                raise ArgumentError(
+                    f"{name} = {getattr(self, name):g} s is too long; give {longest:g} s or less"
+                )
         if self.observation not in OBSERVATIONS:
             raise unknown_name("observation", self.observation, OBSERVATIONS)
         whole_multiple("control_period", self.control_period, "time_step", self.time_step)

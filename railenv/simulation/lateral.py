@@ -23,6 +23,12 @@ DEFAULT_CONTROL_PERIOD = 0.01
 DEFAULT_TIME_STEP = 0.005
 """Physics step [s]; the effect of the track's hold at this step is in docs/model.md."""
 
+SHORTEST_STEP = 1e-5
+"""Shortest physics step [s]; steps are exact, so nothing is gained below."""
+
+LONGEST_DELAY = 1000.0
+"""Longest delay that is simulated [s]; its commands must be stored."""
+
 
 class LateralSimulation:
     """A batch of linear lateral vehicles.
@@ -55,6 +61,10 @@ class LateralSimulation:
         self.actuator = ActuatorSpec() if actuator is None else actuator
         self.control_period = check_positive("control_period", control_period, "seconds")
         self.time_step = check_positive("time_step", time_step, "seconds")
+        if self.time_step < SHORTEST_STEP:
+            raise ArgumentError(
+                f"time_step = {time_step:g} s is too short; give {SHORTEST_STEP:g} s or more"
+            )
         self.steps_per_command = whole_multiple(
             "control_period", self.control_period, "time_step", self.time_step
         )
@@ -84,8 +94,8 @@ class LateralSimulation:
         through = np.zeros_like(through) if num_lags else through
         self._output_state = np.ascontiguousarray(by_state.T)
         self._output_force = np.ascontiguousarray(through.T)
+        # No output reads the track's rates: they reach the bogie frames' roll acceleration only.
         self._output_track = np.ascontiguousarray(D[:, m : m + NUM_TRACK].T)
-        self._output_rate = np.ascontiguousarray(D[:, m + NUM_TRACK :].T) / h
 
     def _start(self, num_lanes: int) -> None:
         m = self.system.num_actuators
@@ -129,8 +139,11 @@ class LateralSimulation:
         m, n = self.system.num_actuators, self.system.A.shape[0]
         if delays.ndim != 2 or delays.shape[1] != m or delays.shape[0] == 0:
             raise ArgumentError(f"delays has shape {delays.shape}; it must be (lanes, {m})")
-        if not np.all(np.isfinite(delays)) or np.any(delays < 0.0):
-            raise ArgumentError("delays holds a value that is negative or not finite; give seconds")
+        if not np.all((delays >= 0.0) & (delays <= LONGEST_DELAY)):
+            raise ArgumentError(
+                "delays holds a value that is negative, not finite or above "
+                f"{LONGEST_DELAY:g} s; give seconds"
+            )
         self._start(delays.shape[0])
         self.line.reset(delays)
         for r in np.unique(self.line.remainder):
@@ -218,11 +231,14 @@ class LateralSimulation:
             self._output_state,
             self._output_force,
             self._output_track,
-            self._output_rate,
             recorded,
         )
         self.step_count = end
         return recorded
+
+
+# More periods than this are no run but a mistake.
+_MOST_PERIODS = 1e8
 
 
 def whole_multiple(longer_name: str, longer: float, shorter_name: str, shorter: float) -> int:
@@ -233,7 +249,7 @@ def whole_multiple(longer_name: str, longer: float, shorter_name: str, shorter: 
             far below any step that is meant to differ).
     """
     ratio = longer / shorter
-    number = round(ratio)
+    number = round(ratio) if ratio < _MOST_PERIODS else 0
     if number < 1 or abs(ratio - number) > 1e-9 * ratio:
         raise ArgumentError(
             f"{longer_name} = {longer:g} s must be a whole multiple of "

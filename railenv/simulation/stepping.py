@@ -10,14 +10,49 @@ delay needs no rounding, and the track input w linear over the step (first-order
 Every lane is computed on its own with a fixed order of operations: no matrix library, no
 reassociation, no reduction across lanes. A lane's numbers do not depend on how many lanes there
 are. Matrices are passed transposed so that the inner loops run over contiguous memory.
+
+Both compiled functions stand in this file, because the compiler's cache watches only the file of
+the function that is called: a change elsewhere would go on running as it was.
 """
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from railenv.actuation.delay import arriving
 from railenv.units import FloatArray
+
+
+@njit(cache=True, inline="always")
+def arriving(
+    commands: FloatArray,
+    whole_steps: int,
+    channel: int,
+    step: int,
+    steps_per_command: int,
+) -> tuple[float, float, bool]:
+    """Return the force in effect before and after the switch inside one physics step.
+
+    Command j is issued at physics step j * steps_per_command and takes force `whole_steps` steps
+    and the remainder later.
+
+    Args:
+        commands: One lane's ring, shape (capacity, channels).
+        whole_steps: Whole steps of this channel's delay.
+        channel: Channel number.
+        step: Physics step, counted from the start.
+        steps_per_command: Physics steps in one control period.
+
+    Returns:
+        Force before [N], force after [N], and whether a switch falls into this step.
+    """
+    elapsed = step - whole_steps
+    newest = elapsed // steps_per_command
+    capacity = commands.shape[0]
+    after = commands[newest % capacity, channel] if newest >= 0 else 0.0
+    if elapsed % steps_per_command != 0:
+        return after, after, False
+    before = commands[(newest - 1) % capacity, channel] if newest >= 1 else 0.0
+    return before, after, True
 
 
 @njit(cache=True, nogil=True)
@@ -38,7 +73,6 @@ def advance(
     output_state: FloatArray,
     output_force: FloatArray,
     output_track: FloatArray,
-    output_rate: FloatArray,
     recorded: FloatArray,
 ) -> None:
     """Advance every lane by one control period, in place.
@@ -60,7 +94,6 @@ def advance(
         output_state: C transposed, shape (n, p).
         output_force: D's actuator columns transposed, shape (m, p).
         output_track: D's track columns transposed, shape (k, p).
-        output_rate: D's track-rate columns transposed, over h, shape (k, p).
         recorded: Outputs at the end of each physics step, just before any switch that falls on that
             instant, shape (lanes, steps_per_command, p); overwritten.
     """
@@ -107,6 +140,5 @@ def advance(
                 for i in range(p):
                     y[i] += output_force[channel, i] * force[channel]
             for j in range(k):
-                slope = w_1[j] - w_0[j]
                 for i in range(p):
-                    y[i] += output_track[j, i] * w_1[j] + output_rate[j, i] * slope
+                    y[i] += output_track[j, i] * w_1[j]

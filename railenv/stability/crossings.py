@@ -3,12 +3,13 @@
 A root s = j omega at delay tau satisfies M(j omega) v = 0 with z = exp(-j omega tau) on the unit
 circle. With V = v v^H this gives the matrix equation
 
-    A_1 (z - z_0) V + V A_1^T (1/z - z_0) + (A_0 + z_0 A_1) V + V (A_0 + z_0 A_1)^T = 0
+    (z - z_0) A_1 V + (1/z - 1/z_0) V A_1^T + (A_0 + z_0 A_1) V + V (A_0 + z_0 A_1)^H = 0
 
-for A_0 = A, A_1 = -B K and z_0 = +1 or -1. Solving the last two terms (a Lyapunov operator) and
-keeping only what the rank-r factor of B K sees leaves a generalised eigenvalue problem of size
-2 n r in z. Its eigenvalues near the unit circle are candidates; each is corrected by Newton's
-iteration on (omega, tau) with the full matrices and kept only if it converges to a true crossing.
+for A_0 = A, A_1 = -B K and any z_0 on the unit circle. Solving the last two terms (a Lyapunov
+operator) and keeping only what the rank-r factor of B K sees leaves a generalised eigenvalue
+problem of size 2 n r in z. Its eigenvalues near the unit circle are candidates; each is corrected
+by Newton's iteration on (omega, tau) with the full matrices and kept only if it converges to a true
+crossing.
 
 Crossings repeat with period 2 pi / omega. Each moves the number of unstable roots by 2 in a
 direction that does not depend on the repetition (omega > 0 has its conjugate), so that the count
@@ -17,7 +18,6 @@ for every delay follows from the count without delay. All of this is floating po
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,9 @@ from railenv.stability.delay_system import DelaySystem
 from railenv.stability.modes import Mode, normalised
 from railenv.units import ComplexArray, FloatArray
 
+MOST_CROSSINGS = 10_000
+"""More crossings than this are not listed."""
+
 # Candidates this close to the unit circle are tried; near-tangent pairs sit within the square root
 # of rounding, and Newton rejects what is no crossing.
 _CIRCLE_WIDTH = 1e-4
@@ -41,6 +44,10 @@ _SAME = 1e-8
 # Singular values below this share of the largest span the null space at a crossing: Newton leaves
 # some 1e-14, and two different crossings this close together are one for every purpose.
 _NULL = 1e-10
+# Roots mirrored in the imaginary axis up to this share are too close for the real shift.
+_SEPARATE = 1e-9
+# Real parts below this share of the largest root lie on the imaginary axis.
+_ON_AXIS = 1e-13
 # A crossing whose speed |Re ds/dtau| is below this share of |ds/dtau| is a touch, not a crossing.
 _TANGENT = 1e-7
 
@@ -113,19 +120,21 @@ class CriticalDelays:
     @property
     def stable_windows(self) -> tuple[tuple[float, float], ...]:
         """Open delay intervals without unstable roots, up to `max_delay` [s]."""
-        edges = [0.0, *(c.delay for c in self.crossings), self.max_delay]
         windows: list[tuple[float, float]] = []
-        for low, high in pairwise(edges):
-            if high > low and self.unstable_roots((low + high) / 2) == 0:
-                if windows and windows[-1][1] == low:
-                    windows[-1] = (windows[-1][0], high)
-                else:
-                    windows.append((low, high))
+        start, unstable = 0.0, self.unstable_without_delay
+        for crossing in self.crossings:
+            if unstable == 0 and crossing.delay > start:
+                windows.append((start, crossing.delay))
+            start, unstable = crossing.delay, unstable + 2 * crossing.direction
+        if unstable == 0:
+            windows.append((start, self.max_delay))
         return tuple(windows)
 
 
 def critical_delays(system: DelaySystem, max_delay: float = 2.0) -> CriticalDelays:
     """Find every crossing of the imaginary axis for one common delay in (0, max_delay].
+
+    A root on the imaginary axis without delay counts by where the first bit of delay moves it.
 
     Args:
         system: The loop; all channels share the delay.
@@ -135,29 +144,54 @@ def critical_delays(system: DelaySystem, max_delay: float = 2.0) -> CriticalDela
         The crossings with directions; floating point, not proved.
 
     Raises:
-        ArgumentError: `max_delay` is not above zero, or the loop has a root on the imaginary axis
-            whatever the delay, so that no count exists.
+        ArgumentError: `max_delay` is not above zero or holds more than `MOST_CROSSINGS` crossings,
+            or a root stays on the imaginary axis whatever the delay, so that no count exists.
     """
     longest = check_positive("max_delay", max_delay, "seconds")
-    roots = linalg.eigvals(system.scaled.undelayed)
-    size = max(float(np.abs(roots).max()), 1.0)
-    if np.any(np.abs(roots.real) <= 1e-13 * size):
-        on_axis = roots[np.argmin(np.abs(roots.real))]
+    unstable = _unstable_without_delay(system)
+    basic = _basic_crossings(system)
+    number = sum(longest * omega / (2 * np.pi) for omega, *_ in basic)
+    if number > MOST_CROSSINGS:
         raise ArgumentError(
-            f"the loop has a root on the imaginary axis without delay (s = {on_axis:.4g}); "
-            "stability cannot be counted from there: remove the free motion from the model"
+            f"max_delay = {longest:g} s holds about {number:.0f} crossings, more than "
+            f"{MOST_CROSSINGS}; give a shorter one"
         )
     found = [
         Crossing(tau, mode, direction, speed)
-        for omega, first, direction, speed, mode in _basic_crossings(system)
+        for omega, first, direction, speed, mode in basic
         for tau in _repetitions(first, 2 * np.pi / omega, longest)
     ]
     found.sort(key=lambda c: c.delay)
-    return CriticalDelays(tuple(found), int(np.sum(roots.real > 0.0)), longest)
+    return CriticalDelays(tuple(found), unstable, longest)
+
+
+def _unstable_without_delay(system: DelaySystem) -> int:
+    """Count the unstable roots just above delay zero."""
+    scaled = system.scaled
+    roots = linalg.eigvals(scaled.undelayed)
+    on_axis = np.abs(roots.real) <= _ON_AXIS * float(np.abs(roots).max())
+    count = int(np.sum(roots.real[~on_axis] > 0.0))
+    places: list[complex] = []
+    for root in roots[on_axis]:
+        s = complex(0.0, root.imag)
+        if root.imag < 0.0 or any(abs(s - p) <= _SAME * abs(s) for p in places):
+            continue  # with its conjugate, or with the others of a multiple root
+        places.append(s)
+        for speed, _ in _speeds(scaled, s.imag, 0.0):
+            if abs(speed.real) <= _TANGENT * max(abs(speed), abs(s) ** 2):
+                raise ArgumentError(
+                    f"the loop has a root s = {s.imag:.4g}j on the imaginary axis that a small "
+                    "delay does not move off it; stability cannot be counted from there: remove "
+                    "the free motion from the model, or change a parameter slightly"
+                )
+            count += 2 if speed.real > 0.0 else 0
+    return count
 
 
 def _repetitions(first: float, period: float, longest: float) -> list[float]:
-    """Delays first, first + period, ... up to the longest."""
+    """Delays first, first + period, ... up to the longest; none at zero itself."""
+    if first <= _SAME * period:
+        first += period
     return [first + k * period for k in range(int(np.floor((longest - first) / period)) + 1)]
 
 
@@ -171,9 +205,9 @@ def crossing_candidates(system: DelaySystem) -> ComplexArray:
     z0 = _best_shift(system)
     base = system.A - z0 * (system.B @ system.K)
     solve = _lyapunov_solver(base)
-    # Unknowns P = R V (r x n) and Q = -z_0 V R^T / z (n x r); A_1 = -L R.
+    # Unknowns P = R V (r x n) and Q = -V R^T / (z_0 z) (n x r); A_1 = -L R.
     size = 2 * r * n
-    response = np.empty((size, size))
+    response = np.empty((size, size), dtype=base.dtype)
     for column in range(size):
         unknown = np.zeros(size)
         unknown[column] = 1.0
@@ -181,8 +215,8 @@ def crossing_candidates(system: DelaySystem) -> ComplexArray:
         V = solve(-(L @ P) if column < r * n else -(Q @ L.T))
         response[:, column] = np.concatenate([(R @ V).ravel(), (V @ R.T).ravel()])
     upper: NDArray[np.bool_] = np.arange(size, dtype=np.int64) < r * n
-    # P + (z - z_0) R V = 0 and z Q - z_0 (z - z_0) V R^T = 0, as E + z F.
-    sign = np.where(upper, 1.0, -z0)[:, None]
+    # P + (z - z_0) R V = 0 and z Q - (z - z_0) V R^T / z_0 = 0, as E + z F.
+    sign = np.where(upper, 1.0, -1.0 / z0)[:, None]
     F = sign * response + np.diag(np.where(upper, 0.0, 1.0))
     E = -z0 * sign * response + np.diag(np.where(upper, 1.0, 0.0))
     alpha, beta = linalg.eigvals(E, -F, homogeneous_eigvals=True)
@@ -249,43 +283,55 @@ def _newton(system: DelaySystem, omega: float, tau: float) -> tuple[float, float
         u, v = U[:, -1], np.conj(V[-1])
         by_s = np.vdot(u, system.characteristic_derivative(s, delays) @ v)
         by_tau = np.vdot(u, _delay_derivative(system, s, tau) @ v)
-        # sigma + by_s j d_omega + by_tau d_tau = 0: two real equations.
-        matrix = np.array([[(1j * by_s).real, by_tau.real], [(1j * by_s).imag, by_tau.imag]])
+        # sigma + by_s j d_omega + by_tau d_tau = 0: two real equations, for the steps in
+        # d_omega / omega and omega d_tau, so that the unit of time does not matter.
+        columns = np.array([1j * by_s * omega, by_tau / omega])
+        matrix = np.array([columns.real, columns.imag])
         if abs(np.linalg.det(matrix)) <= 1e-14 * np.linalg.norm(matrix) ** 2:
             return None
-        d_omega, d_tau = np.linalg.solve(matrix, [-sizes[-1], 0.0])
-        omega, tau = float(omega + d_omega), float(tau + d_tau)
+        relative, phase = np.linalg.solve(matrix, [-sizes[-1], 0.0])
+        omega, tau = float(omega * (1.0 + relative)), float(tau + phase / omega)
         if not 0.0 < omega < 10 * start[0] or abs(tau - start[1]) * start[0] > 1.0:
             return None
-        if abs(d_omega) <= _LAST_STEP * omega and abs(d_tau) * omega <= _LAST_STEP:
+        if abs(relative) <= _LAST_STEP and abs(phase) <= _LAST_STEP:
             return omega, tau
     return None
 
 
-def _best_shift(system: DelaySystem) -> float:
-    """Choose z_0 = +-1 so that the Lyapunov operator of A_0 + z_0 A_1 is farthest from singular."""
+def _best_shift(system: DelaySystem) -> float | complex:
+    """Choose z_0 so that the Lyapunov operator of A_0 + z_0 A_1 is far from singular.
 
-    def separation(z0: float) -> float:
+    It is singular where two roots are mirrored in the imaginary axis. Real numbers are quicker, so
+    +1 and -1 are left only if both come close to that.
+    """
+
+    def separation(z0: float | complex) -> float:
         roots = linalg.eigvals(system.A - z0 * (system.B @ system.K))
-        return float(np.abs(roots[:, None] + roots[None, :]).min() / np.abs(roots).max())
+        mirrored = np.abs(roots[:, None] + np.conj(roots)[None, :])
+        return float(mirrored.min() / max(float(np.abs(roots).max()), np.finfo(float).tiny))
 
-    best = max((1.0, -1.0), key=separation)
+    real = max((1.0, -1.0), key=separation)
+    if separation(real) > _SEPARATE:
+        return real
+    best = max((complex(np.exp(1j * angle)) for angle in (0.5, 1.0, 1.7, 2.4)), key=separation)
     if separation(best) <= 1e-12:
         raise RailenvError(
-            "the loop has roots mirrored in the imaginary axis both at delay phase 0 and pi; "
+            "the loop has roots mirrored in the imaginary axis that the feedback does not move; "
             "its crossings cannot be searched by this method: perturb a parameter slightly"
         )
     return best
 
 
-def _lyapunov_solver(base: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Return a function that solves base X + X base^T = right-hand side."""
+def _lyapunov_solver(base: FloatArray | ComplexArray) -> Callable[[FloatArray], ComplexArray]:
+    """Return a function that solves base X + X base^H = right-hand side."""
     T, Z = linalg.schur(base, output="complex")
     trsyl: Any = lapack.ztrsyl  # type: ignore[attr-defined]
+    real = not np.iscomplexobj(base)
 
-    def solve(right: FloatArray) -> FloatArray:
+    def solve(right: FloatArray) -> ComplexArray:
         # info only tells of a perturbed solve; Newton's correction judges every candidate anyway.
         X, scale, _ = trsyl(T, T, Z.conj().T @ right @ Z, trana="N", tranb="C")
-        return (Z @ (X / scale) @ Z.conj().T).real
+        solution = Z @ (X / scale) @ Z.conj().T
+        return solution.real if real else solution
 
     return solve

@@ -21,6 +21,8 @@ from railenv.units import ComplexArray, FloatArray
 # Singular values below this share of the largest count as zero when B K is factored: it only
 # decides the size of the reduced problem, every root is corrected on the full matrices afterwards.
 _RANK_TOLERANCE = 1e-12
+# Delays beyond these under- or overflow in powers of the collocation.
+_SHORTEST, _LONGEST = 1e-100, 1e100
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +122,12 @@ class DelaySystem:
                 f"delay has {values.size} entries; give one or {self.num_channels}, one per channel"
             )
         checked = [check_not_negative("delay", value, "seconds") for value in values]
+        for value in checked:
+            if 0.0 < value < _SHORTEST or value > _LONGEST:
+                raise ArgumentError(
+                    f"delay = {value:g} s is out of reach; "
+                    f"give 0, or {_SHORTEST:g} to {_LONGEST:g} s"
+                )
         return np.broadcast_to(np.array(checked), (self.num_channels,)).copy()
 
     @cached_property
@@ -169,10 +177,12 @@ class DelaySystem:
 
 def _matrix(name: str, values: Any) -> FloatArray:
     try:
+        if np.iscomplexobj(values):
+            raise TypeError
         matrix = np.array(values, dtype=float)
     except (TypeError, ValueError):
         raise ArgumentError(
-            f"{name} is not a matrix of numbers; give a two-dimensional array"
+            f"{name} is not a matrix of real numbers; give a two-dimensional array"
         ) from None
     if matrix.ndim != 2:
         raise ArgumentError(f"{name} has {matrix.ndim} dimensions; give a two-dimensional array")

@@ -3,7 +3,7 @@
 Frequency is |s| / (2 pi), the damping ratio -Re s / |s|, the damped frequency |Im s| / (2 pi).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import linalg
@@ -22,7 +22,7 @@ class Mode:
     """
 
     root: complex
-    shape: ComplexArray
+    shape: ComplexArray = field(repr=False)
 
     @property
     def frequency_hz(self) -> float:

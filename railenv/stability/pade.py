@@ -28,6 +28,7 @@ from railenv.units import FloatArray
 
 # Spacing of the scan for crossings of the Pade model [s]; the paper steps by 2 ms.
 _SCAN_STEP = 0.002
+_MOST_SCANNED = 10_000
 
 MAX_ORDER = 64
 """Highest order offered; nothing is gained beyond 16 for omega tau up to 4 pi."""
@@ -132,6 +133,11 @@ def pade_critical_delays(system: DelaySystem, order: int, max_delay: float = 2.0
         ArgumentError: The order or the longest delay is out of range.
     """
     longest = check_positive("max_delay", max_delay, "seconds")
+    if longest > _SCAN_STEP * _MOST_SCANNED:
+        raise ArgumentError(
+            f"max_delay = {longest:g} s takes more than {_MOST_SCANNED} steps of {_SCAN_STEP:g} s; "
+            "give a shorter one"
+        )
     scaled = system.scaled
 
     def unstable(delay: float) -> int:
@@ -154,7 +160,8 @@ def pade_critical_delays(system: DelaySystem, order: int, max_delay: float = 2.0
         nearest = min(modes, key=lambda m: abs(m.root.real) + 1e9 * (m.root.imag == 0.0))
         on_axis = Mode(1j * nearest.root.imag, nearest.shape)
         direction = 1 if above > below else -1
-        found.append(Crossing(float(high), on_axis, direction, complex(np.nan)))
+        crossing = Crossing(float(high), on_axis, direction, complex(np.nan))
+        found += [crossing] * max(1, abs(above - below) // 2)
     return CriticalDelays(tuple(found), counts[0], longest)
 
 

@@ -18,8 +18,8 @@ from scipy import linalg
 from scipy.optimize import brentq
 
 from railenv.actuation.hold import held_input
-from railenv.errors import check_count, check_positive
-from railenv.stability.crossings import CriticalDelays
+from railenv.errors import ArgumentError, check_count, check_positive
+from railenv.stability.crossings import CriticalDelays, Crossing
 from railenv.stability.delay_system import DelaySystem
 from railenv.stability.modes import Mode, normalised
 from railenv.units import ComplexArray, FloatArray
@@ -27,6 +27,12 @@ from railenv.units import ComplexArray, FloatArray
 # Besides the places that the continuous crossings predict, this many evenly spread delays are
 # looked at, so that a loop whose sampling changes its character is not taken for its limit.
 _CHECKS = 8
+# Rows of the largest lifted map whose eigenvalues are computed (some 2 s); larger ones are refused
+# where they are asked for, and avoided in the search for the critical delay.
+_LARGEST_MAP = 900
+_REFUSED_MAP = 6000
+# Below this product of period and loop size, exp(A T) differs from the identity by rounding only.
+_SHORTEST_PERIOD = 1e-4
 
 
 def lifted_matrix(system: DelaySystem, delay: float | Sequence[float], period: float) -> FloatArray:
@@ -43,8 +49,13 @@ def lifted_matrix(system: DelaySystem, delay: float | Sequence[float], period: f
     T = check_positive("period", period, "seconds")
     delays = system.delays(delay)
     n = system.num_states
-    Phi = linalg.expm(system.A * T)
-    matrix = Phi
+    rows = n + system.num_channels * (float(delays.max(initial=0.0)) / T + 2.0)
+    if rows > _REFUSED_MAP:
+        raise ArgumentError(
+            f"period = {T:g} s cuts delay = {delays.max():g} s into too many parts "
+            f"({rows:.3g} states); give a longer period"
+        )
+    matrix = np.asarray(linalg.expm(system.A * T))
     for tau in np.unique(delays):
         L, R = system.factor([k for k in range(system.num_channels) if delays[k] == tau])
         rank = R.shape[0]
@@ -112,7 +123,9 @@ def sampled_critical_delay(
     """Return the delay at which the sampled loop first loses stability.
 
     The growth rate is looked at between all crossings that the continuous answer predicts (shifted
-    by half a period) and at evenly spread delays; the first change of sign is then located.
+    by half a period) and at evenly spread delays; the first change of sign is then located. Delays
+    of so many periods that the lifted map becomes large are not looked at: there the continuous
+    crossing itself is followed, by Newton's iteration on the sampled characteristic equation.
 
     Args:
         system: The loop.
@@ -123,28 +136,77 @@ def sampled_critical_delay(
     Returns:
         The delay [s]; 0 if unstable without delay, None if none was found up to the longest delay
         of `continuous`. Located numerically, not proved.
+
+    Raises:
+        ArgumentError: The period is not above zero, or too short against the loop's own times.
     """
     T = check_positive("period", period, "seconds")
+    scaled = system.scaled
+    if T * float(np.linalg.norm(scaled.undelayed)) < _SHORTEST_PERIOD:
+        raise ArgumentError(
+            f"period = {T:g} s is too short against the loop's own times; "
+            "take the continuous answer"
+        )
+    rank = scaled.factor(list(range(scaled.num_channels)))[1].shape[0]
+    reach = T * max(1.0, (_LARGEST_MAP - scaled.num_states) / max(rank, 1) - 2.0)
     longest = continuous.max_delay
     shifted = [c.delay - T / 2 for c in continuous.crossings if 0.0 < c.delay - T / 2 < longest]
     edges = np.array([0.0, *shifted, longest])
-    places = np.unique(
-        np.concatenate(
-            [[0.0], (edges[1:] + edges[:-1]) / 2, longest * np.arange(1, _CHECKS + 1) / _CHECKS]
-        )
-    )
-    scaled = system.scaled
+    spread = longest * np.arange(1, _CHECKS + 1) / _CHECKS
+    places = np.unique(np.concatenate([[0.0], (edges[1:] + edges[:-1]) / 2, spread]))
 
     def growth(delay: float) -> float:
         return sampled_growth_rate(scaled, delay, T)
 
     stable = None
-    for place in places:
+    for place in places[places <= reach]:
         if progress is not None:
             progress(float(place))
-        if growth(float(place)) >= 0.0:
+        if growth(float(place)) > 0.0:
             if stable is None:
                 return 0.0
-            return float(brentq(growth, stable, float(place), xtol=1e-10))
+            return float(brentq(growth, stable, float(place), xtol=1e-12 * longest))
         stable = float(place)
-    return None
+    later = [c for c in continuous.crossings if c.direction > 0 and c.delay - T / 2 > (stable or 0)]
+    if not later or later[0].delay - T / 2 > longest:
+        return None
+    return _followed(scaled, later[0], T)
+
+
+def _followed(system: DelaySystem, crossing: Crossing, period: float) -> float:
+    """Return the delay at which a continuous crossing's root is on the axis when sampled."""
+    guess = crossing.delay - period / 2
+
+    def real_part(delay: float) -> float:
+        return _sampled_root(system, delay, period, crossing.mode.root).real
+
+    # The hold shifts a crossing by half a period and terms of its square.
+    width = min(period / 2, guess)
+    low, high = guess - width, guess + width
+    if real_part(low) * real_part(high) > 0.0:
+        raise ArgumentError(
+            f"period = {period:g} s is out of proportion to the loop's own times; "
+            "its sampled critical delay cannot be located"
+        )
+    return float(brentq(real_part, low, high, xtol=1e-12 * guess))
+
+
+def _sampled_root(system: DelaySystem, delay: float, period: float, seed: complex) -> complex:
+    """Solve z - Phi + (late z^-d + (full - late) z^-(d+1)) K = 0, z = exp(s T), by Newton."""
+    n, K = system.num_states, system.K
+    whole = int(np.floor(delay / period))
+    rest = min(max(delay - whole * period, 0.0), period)
+    Phi, full = held_input(system.A, system.B, period)
+    _, late = held_input(system.A, system.B, period - rest)
+    s = seed
+    for _ in range(50):
+        z = complex(np.exp(s * period))
+        now, before = late * z**-whole, (full - late) * z ** -(whole + 1)
+        M: ComplexArray = z * np.eye(n) - Phi + (now + before) @ K
+        slope: ComplexArray = period * (z * np.eye(n) - (whole * now + (whole + 1) * before) @ K)
+        U, sizes, V = linalg.svd(M)
+        step = sizes[-1] / np.vdot(U[:, -1], slope @ np.conj(V[-1]))
+        s = complex(s - step)
+        if abs(step) <= 1e-10 * abs(s):
+            break
+    return s

@@ -20,11 +20,19 @@ from railenv.units import ComplexArray, FloatArray
 
 _FIRST_NODES = 16
 _MOST_NODES = 256
-# A seed that Newton moves by more than this (relative) came from a grid too coarse.
+# A seed that Newton moves by less than this (relative) is a root that the grid resolves.
 _SEED_TOLERANCE = 1e-5
+# A seed that moves by more than this has nothing to do with the root it ends at.
+_SEED_REACH = 0.3
 # Convergence is quadratic: after a relative step of this size only rounding is left.
 _LAST_STEP = 1e-8
+# Allowance for the seed's own error in the bound on its size.
+_SLACK = 1.1
+# Part of |s| to the left of the imaginary axis that is searched when unstable roots are counted.
+_NEAR_AXIS = 0.2
 _NEWTON_STEPS = 30
+# exp of more than this is not looked at; such a root has decayed long before one delay has passed.
+_LARGEST_EXPONENT = 300.0
 
 
 def rightmost_roots(
@@ -49,32 +57,59 @@ def rightmost_roots(
     delays = system.delays(delay)
     scaled = system.scaled
     nodes = _FIRST_NODES
+    before: list[Mode] | None = None
     while True:
         seeds = modes_of_matrix(collocation_matrix(scaled, delays, nodes), scaled.num_states)
         if not np.any(delays > 0.0):
             found = seeds[:wanted]
             break
-        corrected = _corrected(scaled, delays, seeds, wanted)
-        if corrected is not None:
-            found = corrected
+        found, trusted = _corrected(scaled, delays, seeds, wanted)
+        if trusted or _same(before, found, wanted):
             break
+        before = found
         nodes *= 2
         if nodes > _MOST_NODES:
             raise ArgumentError(
-                f"count = {wanted} roots at delay = {delays.max():g} s are more than "
-                f"{_MOST_NODES} nodes per signal resolve; ask for fewer"
+                f"count = {wanted} roots at delay = {delays.max():g} s do not settle on "
+                f"{_MOST_NODES} nodes per signal: the later ones decay within one delay; "
+                "ask for fewer"
             )
     return [Mode(mode.root, normalised(mode.shape * system.state_scale)) for mode in found]
 
 
 def count_unstable(system: DelaySystem, delay: float | Sequence[float] = 0.0) -> int:
-    """Return the number of roots with positive real part (a pair counts twice); not proved."""
-    count = 8
-    while True:
-        modes = rightmost_roots(system, delay, count)
-        if len(modes) < count or modes[-1].root.real <= 0.0:
-            return sum(2 if m.root.imag > 0.0 else 1 for m in modes if m.root.real > 0.0)
-        count *= 2
+    """Return the number of roots with positive real part; a conjugate pair counts twice.
+
+    Every eigenvalue of the grid that lies near the imaginary axis or to the right of it is
+    corrected; the grid is refined until all of them are roots, or until two grids agree. An
+    estimate, not proved.
+
+    Raises:
+        ArgumentError: A bad delay, or the finest grid does not settle the count.
+    """
+    delays = system.delays(delay)
+    scaled = system.scaled
+    nodes = _FIRST_NODES
+    before: int | None = None
+    while nodes <= _MOST_NODES:
+        seeds = modes_of_matrix(collocation_matrix(scaled, delays, nodes), scaled.num_states)
+        if not np.any(delays > 0.0):
+            return _number_unstable(seeds)
+        near = [seed for seed in seeds if seed.root.real > -_NEAR_AXIS * abs(seed.root)]
+        found, trusted = _corrected(scaled, delays, near, len(near))
+        number = _number_unstable(found)
+        if trusted or number == before:
+            return number
+        before = number
+        nodes *= 2
+    raise ArgumentError(
+        f"the count at delay = {delays.max():g} s does not settle on {_MOST_NODES} nodes per "
+        "signal; give a delay that is shorter against the system's own times"
+    )
+
+
+def _number_unstable(modes: list[Mode]) -> int:
+    return sum(2 if m.root.imag > 0.0 else 1 for m in modes if m.root.real > 0.0)
 
 
 def collocation_matrix(system: DelaySystem, delays: FloatArray, nodes: int) -> FloatArray:
@@ -118,17 +153,50 @@ def _chebyshev_difference(nodes: int) -> FloatArray:
 
 def _corrected(
     system: DelaySystem, delays: FloatArray, seeds: list[Mode], wanted: int
-) -> list[Mode] | None:
-    """Correct the rightmost seeds; None if the grid was too coarse to trust them."""
+) -> tuple[list[Mode], bool]:
+    """Correct seeds from the right until enough roots are found.
+
+    The grid also has eigenvalues that are no roots: they stand beyond what it resolves, and Newton
+    takes them far away or nowhere. They are passed over, and then the list is not to be trusted
+    before a finer grid has given it again.
+
+    Returns:
+        Up to `wanted` roots by falling real part, and whether every seed looked at was a root.
+    """
     found: list[Mode] = []
-    # One seed more than wanted, so that the order at the edge is decided after correction.
-    for seed in seeds[: wanted + 1]:
+    trusted = True
+    plant = float(np.linalg.norm(system.A, 2))
+    feedback = np.linalg.norm(system.B, axis=0) * np.linalg.norm(system.K, axis=1)
+    for seed in seeds:
+        # s x = A x - sum b_i K_i exp(-s tau_i) x: no root is larger than its own right-hand side.
+        decay = np.minimum(-seed.root.real * delays, _LARGEST_EXPONENT)
+        if abs(seed.root) > _SLACK * (plant + float(feedback @ np.exp(decay))):
+            continue
+        # One more than wanted, so that the order at the edge is decided after correction.
+        if len(found) > wanted:
+            break
         mode = newton(system, delays, seed)
-        if mode is None or abs(mode.root - seed.root) > _SEED_TOLERANCE * max(abs(mode.root), 1.0):
-            return None
-        found.append(mode)
+        size = max(abs(seed.root), 1e-6 * plant)
+        if mode is not None and abs(mode.root - seed.root) <= _SEED_TOLERANCE * size:
+            found.append(mode)
+            continue
+        trusted = False
+        if mode is None or abs(mode.root - seed.root) > _SEED_REACH * size:
+            continue
+        if all(abs(mode.root - other.root) > _SEED_TOLERANCE * size for other in found):
+            found.append(mode)
     found.sort(key=lambda mode: -mode.root.real)
-    return found[:wanted]
+    return found[:wanted], trusted
+
+
+def _same(before: list[Mode] | None, now: list[Mode], wanted: int) -> bool:
+    """Whether two grids gave the same full list of roots."""
+    if before is None or len(before) < wanted or len(now) < wanted:
+        return False
+    return all(
+        abs(a.root - b.root) <= _SEED_TOLERANCE * abs(b.root)
+        for a, b in zip(before, now, strict=True)
+    )
 
 
 def newton(system: DelaySystem, delays: FloatArray, seed: Mode) -> Mode | None:
@@ -144,9 +212,9 @@ def newton(system: DelaySystem, delays: FloatArray, seed: Mode) -> Mode | None:
     best, best_size = s, np.inf
     vector: ComplexArray = seed.shape
     for _ in range(_NEWTON_STEPS):
-        M = system.characteristic_matrix(s, delays)
-        if not np.all(np.isfinite(M)):
+        if -s.real * delays.max() > _LARGEST_EXPONENT:
             return None
+        M = system.characteristic_matrix(s, delays)
         U, sizes, V = linalg.svd(M)
         u, v = U[:, -1], np.conj(V[-1])
         if sizes[-1] < best_size:
@@ -156,7 +224,7 @@ def newton(system: DelaySystem, delays: FloatArray, seed: Mode) -> Mode | None:
             break
         step = sizes[-1] / slope
         s -= step
-        if abs(step) <= _LAST_STEP * max(abs(s), 1.0):
+        if abs(step) <= _LAST_STEP * max(abs(s), 1e-9 * sizes[0]):
             best, vector = s, v
             break
     else:

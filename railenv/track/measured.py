@@ -70,6 +70,8 @@ def read_columns(path: str | os.PathLike[str]) -> tuple[float, dict[str, FloatAr
 def _lines(path: str | os.PathLike[str]) -> list[tuple[int, str]]:
     """Return line number and text of every line that says something."""
     try:
+        if Path(path).exists() and not Path(path).is_file():
+            raise InputFileError(f"{path} is no ordinary file; give the path of a CSV file")
         text = Path(path).read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputFileError(

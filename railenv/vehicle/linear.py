@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from railenv.errors import check_positive
+from railenv.errors import ArgumentError, check_positive
 from railenv.units import FloatArray, MetrePerSecond
 from railenv.vehicle.coordinates import (
     BOGIES,
@@ -40,6 +40,9 @@ from railenv.vehicle.suspension import (
     parallel_elements,
 )
 
+SLOWEST, FASTEST = 1e-3, 1e3
+"""Speeds at which the creep terms, which grow as 1/v, can still be computed [m/s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class LateralVehicle:
@@ -60,7 +63,13 @@ class LateralVehicle:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "layout", parse_layout(self.layout))
-        object.__setattr__(self, "speed", check_positive("speed", self.speed, "m/s"))
+        speed = check_positive("speed", self.speed, "m/s")
+        if not SLOWEST <= speed <= FASTEST:
+            raise ArgumentError(
+                f"speed = {speed:g} m/s is beyond the model; give {SLOWEST:g} to {FASTEST:g} m/s "
+                f"({3.6 * SLOWEST:g} to {3.6 * FASTEST:g} km/h)"
+            )
+        object.__setattr__(self, "speed", speed)
 
     @property
     def num_actuators(self) -> int:
