@@ -6,8 +6,9 @@ PYTHON ?= python3
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-# The CPU build; a plain `torch` would pull several gigabytes of GPU libraries.
-TORCH := torch==2.13.0
+# Pinned and installed first, so that no other package decides which build is taken. Another build:
+# make TORCH="torch==... --index-url ..." test
+TORCH ?= torch==2.13.0
 
 .PHONY: benchmark test slow static check calibrate clean
 
@@ -34,13 +35,14 @@ calibrate: $(VENV)/.installed-report
 clean:
 	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 
-$(BIN)/python:
-	$(PYTHON) -m venv $(VENV)
+# A stamp and not the interpreter is the target: it is there only if the environment is whole.
+$(VENV)/.made:
+	$(PYTHON) -m venv "$(VENV)" && touch "$@"
 
-$(VENV)/.installed-report: pyproject.toml setup.py | $(BIN)/python
+$(VENV)/.installed-report: pyproject.toml setup.py | $(VENV)/.made
 	@start=$$(date +%s); $(PIP) -e ".[report]" && \
 	echo "installed in $$(( $$(date +%s) - start )) s" && touch $@
 
-$(VENV)/.installed-dev: pyproject.toml setup.py | $(BIN)/python
+$(VENV)/.installed-dev: pyproject.toml setup.py | $(VENV)/.made
 	@start=$$(date +%s); $(PIP) $(TORCH) && $(PIP) -e ".[all,dev]" && \
 	echo "installed in $$(( $$(date +%s) - start )) s" && touch $@ $(VENV)/.installed-report

@@ -136,3 +136,25 @@ def test_a_layout_that_does_not_exist_is_refused(layout: object) -> None:
 def test_a_sensor_that_does_not_exist_is_refused_with_the_nearest() -> None:
     with pytest.raises(ArgumentError, match="carbody_roll_rate"):
         LinearFeedback(np.zeros((4, 1)), ("carbody_rol_rate",), 4)
+
+
+def test_the_layout_is_given_only_to_a_parameter_of_that_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "level_law.py").write_text(
+        "class Law:\n"
+        "    def __init__(self, level=1.0): self.level = level\n"
+        "    def reset(self, num_lanes, seed): pass\n"
+        "    def act(self, observations): return observations[:, :4]\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert make_controller("py:level_law:Law", 4).level == 1.0  # type: ignore[attr-defined]
+
+
+def test_a_module_that_exits_is_a_controller_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "exit_law.py").write_text("import sys\nsys.exit(3)\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(ControllerError, match="SystemExit"):
+        make_controller("py:exit_law:make")

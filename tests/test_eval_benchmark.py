@@ -142,3 +142,28 @@ def test_records_of_another_form_are_refused(tmp_path: Path, content: str) -> No
 
 def test_records_are_plain_json_without_nan(tmp_path: Path, records: dict) -> None:
     json.dumps(records, allow_nan=False)
+
+
+def test_an_oracle_that_cannot_answer_costs_no_cells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "neutral_law.py").write_text(
+        "import numpy as np\nfrom baselines import LinearFeedback\n"
+        "from railenv.envs.observation import sensor_names\n"
+        "def make(): return LinearFeedback(np.eye(4) * 100, sensor_names('4')[4:8], 4)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = run_benchmark(changed(controllers=["py:neutral_law:make"]), tmp_path / "out", "test")
+    assert len(found["cells"]) == 3
+    assert {cell["unstable"] for cell in found["cells"]} == {None}
+    assert "neutral" in found["failures"][0]["error"]
+
+
+def test_cells_carry_the_oracles_word_at_their_delay(records: dict) -> None:
+    rows = [c for c in records["cells"] if c["controller"].startswith("skyhook")]
+    assert [(row["delay_s"], row["unstable"]) for row in rows] == [
+        (0.0, False),
+        (0.1, False),
+        (0.25, True),
+    ]
+    assert {c["unstable"] for c in records["cells"] if c["controller"] == "passive"} == {False}

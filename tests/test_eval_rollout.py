@@ -80,3 +80,39 @@ def test_two_actuators_stand_300_ms_where_four_do_not() -> None:
     _, two = comfort(35e3, 2, (0.3,))
     _, four = comfort(35e3, 4, (0.3,))
     assert (two[0], four[0]) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (np.zeros((1, 4), dtype=complex), "no real numbers"),
+        ([["1"] * 4], "no real numbers"),
+        (np.zeros((1, 4), dtype=object), "no real numbers"),
+        (SystemExit(3), "SystemExit"),
+    ],
+)
+def test_what_is_no_number_is_no_action(
+    vehicle: LateralVehicle, answer: object, message: str
+) -> None:
+    controller = Broken(answer)
+    if isinstance(answer, SystemExit):
+        controller.act = lambda _: (_ for _ in ()).throw(answer)  # type: ignore[method-assign]
+    with pytest.raises(ControllerError, match=message):
+        rollout(controller, vehicle, np.zeros((1, 4)), 0.1)  # type: ignore[arg-type]
+
+
+def test_what_a_controller_prints_does_not_mix_with_results(
+    vehicle: LateralVehicle, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Loud:
+        def reset(self, num_lanes: int, seed: int) -> None:
+            print("reset")
+
+        def act(self, observations: np.ndarray) -> np.ndarray:
+            print("act")
+            return np.zeros((1, 4))
+
+    rollout(Loud(), vehicle, np.zeros((1, 4)), 0.02)
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "reset\nact\nact\n"

@@ -185,3 +185,50 @@ def test_a_delay_beyond_the_search_has_no_count() -> None:
 
 def test_nothing_claims_to_be_proved(loop: DelaySystem) -> None:
     assert critical_delays(loop).proved is False
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.1, 0.5, 1.0, 3.0, 10.0])
+def test_delayed_position_feedback_is_counted_at_any_delay(delay: float) -> None:
+    # its later roots lie far to the left, where no grid resolves them
+    loop = DelaySystem([[0.0, 1.0], [-1.0, -0.1]], [[0.0], [1.0]], [[0.5, 0.0]])
+    assert count_unstable(loop, delay) == critical_delays(loop, 11.0).unstable_roots(delay)
+    assert len(rightmost_roots(loop, delay, 2)) == 2
+
+
+@pytest.mark.parametrize("delays", [[0.3, 0.0], [0.2, 0.1], [0.3, 0.1], [0.0, 0.3], [0.01, 0.2]])
+def test_a_pendulum_with_two_delays_has_its_roots(delays: list[float]) -> None:
+    loop = DelaySystem(
+        [[0.0, 1.0], [9.81, 0.0]], [[0.0, 0.0], [1.0, 1.0]], [[20.0, 0.0], [0.0, 6.0]]
+    )
+    for mode in rightmost_roots(loop, delays, 3):
+        s = mode.root
+        left = s**2 - 9.81 + 20.0 * np.exp(-s * delays[0]) + 6.0 * s * np.exp(-s * delays[1])
+        assert abs(left) < 1e-9 * (abs(s) ** 2 + 30.0)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e6, 1e12])
+def test_the_unit_of_time_does_not_matter(unit: float) -> None:
+    one = oscillator(9.0, 0.3, 1.0)
+    other = DelaySystem(one.A * unit, one.B * unit, one.K)
+    expected = [c.delay for c in critical_delays(one, 5.0).crossings]
+    found = [c.delay * unit for c in critical_delays(other, 5.0 / unit).crossings]
+    assert found == pytest.approx(expected, rel=1e-9)
+    assert count_unstable(other, 1.127 / unit) == count_unstable(one, 1.127)
+
+
+def test_an_undamped_oscillator_is_counted_by_where_the_first_delay_moves_it() -> None:
+    for gain in (1.0, -1.0):
+        loop = DelaySystem([[0.0, 1.0], [-4.0, 0.0]], [[0.0], [1.0]], [[gain, 0.0]])
+        answer = critical_delays(loop, 6.0)
+        for delay in (0.1, 1.2, 2.3, 3.5, 5.0):
+            assert answer.unstable_roots(delay) == count_unstable(loop, delay)
+
+
+def test_so_many_crossings_that_nobody_reads_them_are_refused(loop: DelaySystem) -> None:
+    with pytest.raises(ArgumentError, match="give a shorter one"):
+        critical_delays(loop, 1e6)
+
+
+def test_complex_matrices_are_refused() -> None:
+    with pytest.raises(ArgumentError, match="real numbers"):
+        DelaySystem([[1j]], [[1.0]], [[1.0]])

@@ -12,7 +12,7 @@ from railenv.stability import (
     sampled_growth_rate,
     sampled_roots,
 )
-from railenv.stability.sampled import lifted_matrix
+from railenv.stability.sampled import _followed, lifted_matrix
 
 
 def integrator(k: float) -> DelaySystem:
@@ -49,7 +49,7 @@ def test_the_sampled_integrator_goes_unstable_at_two_over_gain() -> None:
     )
 
 
-def test_the_sampled_critical_delay_of_the_paper_is_the_197_ms_of_its_simulation(
+def test_ten_milliseconds_of_hold_turn_202_into_197_ms(
     loop: DelaySystem,
 ) -> None:
     continuous = critical_delays(loop)
@@ -92,3 +92,25 @@ def test_no_crossing_within_the_search_is_none() -> None:
 def test_a_bad_period_is_refused(loop: DelaySystem, period: float) -> None:
     with pytest.raises(ArgumentError, match="period"):
         lifted_matrix(loop, 0.1, period)
+
+
+def test_following_the_crossing_gives_what_the_lifted_map_gives(loop: DelaySystem) -> None:
+    continuous = critical_delays(loop, 0.5)
+    assert continuous.first is not None
+    lifted = sampled_critical_delay(loop, continuous, 0.01)
+    assert _followed(loop.scaled, continuous.first, 0.01) == pytest.approx(lifted, rel=1e-11)
+
+
+def test_a_short_period_follows_the_crossing_at_half_a_period_less(loop: DelaySystem) -> None:
+    continuous = critical_delays(loop, 0.5)
+    assert continuous.critical_delay is not None
+    # 0.1 ms: a map of four thousand rows is not built; the hold's second order is 1e-9 s
+    sampled = sampled_critical_delay(loop, continuous, 1e-4)
+    assert sampled == pytest.approx(continuous.critical_delay - 0.5e-4, abs=1e-8)
+
+
+def test_a_map_of_any_size_is_refused_and_not_built(loop: DelaySystem) -> None:
+    with pytest.raises(ArgumentError, match="too many parts"):
+        lifted_matrix(loop, 0.2, 1e-9)
+    with pytest.raises(ArgumentError, match="too short"):
+        sampled_critical_delay(loop, critical_delays(loop, 0.5), 1e-12)

@@ -72,23 +72,38 @@ class Lateral17Env(gym.Env[Observation, Observation]):
     | 2c+4 to 2c+7 (12-15) | stroke at places 1 to 4, carbody minus bogie | -0.5 | 0.5 | m |
     | from 2c+8 (16-135) | actions in the pipe, newest first, c per period | -1 | 1 | 1 |
 
+    y is to the right and z down: positive roll puts the right side down, positive yaw turns the
+    nose to the right. Damper places 1 and 2 are the front and rear end of the front bogie, 3 and 4
+    of the rear bogie. Readings carry no noise. Accelerations are those just before a force that
+    switches at this very instant.
+
     The pipe holds `max_delay / control_period` actions, rounded up (30). With `observation="state"`
-    the model's states (`info`-free ground truth: coordinates, velocities, damper nodes, +-100)
-    stand in place of the sensors. A reading beyond its bound is clipped and flagged in
-    `info["observation_clipped"]`. `env.unwrapped.observation_names` lists the columns. The delay
-    itself is not observed.
+    the model's own states stand in place of the sensors, each within +-100: 17 coordinates, their
+    17 velocities, one node per Maxwell damper (38 with layout 4, 40 with layout 2). A reading
+    beyond its bound is clipped and flagged in `info["observation_clipped"]`.
+    `env.unwrapped.observation_names` lists the columns. The delay itself is not observed.
 
     ## Rewards
-    `comfort + effort + divergence`, every term in `info`; see `railenv.envs.reward`.
+    `comfort + effort + divergence`: -min(a / 0.05 m/s^2, 5) for the Wd-weighted RMS a of both floor
+    ends over the step, -0.01 times the mean square action, -500 on an ending by gauge or
+    divergence. Every term is in `info`; settings change the constants; see `railenv.envs.reward`.
+
+    ## Info
+    Same keys at every step: `time` [s], `delay` per channel [s], `command` (action times
+    `action_scale`) and `force` (what acts at the end of the step) per channel [N],
+    `weighted_acceleration` a of the reward [m/s^2], `reward_comfort`, `reward_effort`,
+    `reward_divergence`, `action_clipped`, `observation_clipped`, `ended_by` ("", "gauge" or
+    "divergence").
 
     ## Start state
     At rest at the beginning of a track whose irregularity grows over its first 100 m. Delay (if a
     range is given) and track are drawn anew at every reset.
 
     ## Termination and truncation
-    Terminated when a floor end leaves the gauge (`gauge_limit`) or the floor acceleration passes
-    `acceleration_limit` or is not finite; the reason is in `info["ended_by"]`. Truncated after
-    `episode_seconds`.
+    Terminated when a floor end leaves the vehicle's clearance gauge (its lateral displacement
+    passes `gauge_limit`, 0.1 m; wheel-rail clearance is not modelled) or the floor acceleration
+    passes `acceleration_limit` or is not finite; the reason is in `info["ended_by"]`. Truncated
+    after `episode_seconds`.
 
     ## Arguments
     Keyword arguments are the fields of `railenv.envs.settings.EnvSettings`. `reset` takes
