@@ -297,7 +297,7 @@ def _tends_to_zero(amplitudes: FloatArray) -> bool:
     """
     if not np.all(np.isfinite(amplitudes)):
         return False
-    if amplitudes[0] == 0.0 or amplitudes[-1] <= _DECAYED * amplitudes[0]:
+    if amplitudes[-1] <= _DECAYED * amplitudes[0]:
         return True
     late = amplitudes[len(amplitudes) // 2 :]
     time = _WINDOW * np.arange(len(late))

@@ -120,8 +120,6 @@ def _plain(value: Any) -> Any:
 
 def _convert(hint: Any, value: Any, where: str) -> Any:
     origin = typing.get_origin(hint)
-    if origin is typing.Annotated:
-        return _convert(typing.get_args(hint)[0], value, where)
     if origin in (typing.Union, types.UnionType):
         for choice in typing.get_args(hint):
             try:

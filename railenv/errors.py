@@ -54,8 +54,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> ArgumentError:
 def check_finite(name: str, value: SupportsFloat, unit: str = "") -> float:
     """Return `value` as a float, or raise `ArgumentError` if it is not a finite number."""
     try:
-        if isinstance(value, str | bool):
-            raise TypeError
+        if isinstance(value, str | bool) or type(value).__name__ in ("bool", "bool_"):
+            raise TypeError  # a truth value is no number, numpy's neither
         number = float(value)
     except (TypeError, ValueError, OverflowError):
         shown = f"{value!r}"[:40]

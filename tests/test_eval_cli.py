@@ -59,6 +59,7 @@ def test_no_critical_delay_is_null(capsys) -> None:
     assert found["critical_delay_sampled_s"] is None
 
 
+@pytest.mark.slow
 def test_the_simulation_method_brackets_the_sampled_answer(capsys) -> None:
     found = answer(
         capsys, "critical-delay", *SKYHOOK, "--max-delay", "0.22", "--method", "simulation"

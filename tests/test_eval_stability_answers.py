@@ -9,7 +9,10 @@ from railenv.stability import Mode, critical_delays, follow
 from railenv.vehicle import lateral17
 
 
-@pytest.mark.parametrize(("gain", "layout"), [(35e3, 4), (60e3, 4), (60e3, 2)])
+@pytest.mark.parametrize(
+    ("gain", "layout"),
+    [(60e3, 4), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((35e3, 4), (60e3, 2)))],
+)
 def test_every_crossing_lies_on_a_branch(gain: float, layout: int) -> None:
     vehicle = lateral17(layout=layout)
     loop = SkyHook(gain, layout).to_delay_system(vehicle)
@@ -25,6 +28,7 @@ def test_every_crossing_lies_on_a_branch(gain: float, layout: int) -> None:
     assert sorted(found) == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_branch_moves_in_small_steps() -> None:
     vehicle = lateral17(layout=4)
     locus = root_locus(SkyHook(60e3, 4).to_delay_system(vehicle), vehicle)
