@@ -162,9 +162,9 @@ def answer(groups: Sequence[Group], chosen: Sequence[Group]) -> list[str]:
         return ["No controller of this suite has an actuator, so no delay can act."]
     names = {g.controller for g in chosen}
     shared = f", with {label(chosen[0].controller)}," if len(names) == 1 else ","
-    stands = " and ".join(_stands(g, named=len(names) > 1) for g in chosen)
+    stands = ", ".join(_stands(g, named=len(names) > 1) for g in chosen)
     sentences = [f"At {chosen[0].speed:g} km/h{shared} {stands}."]
-    moves = [clause for g in chosen if (clause := _beyond(g))]
+    moves = [clause for g in chosen if (clause := _beyond(g, len(names) > 1))]
     if moves:
         track = next(iter(chosen[0].tracks))
         passive = [g.tracks[track][0].worse for g in groups if g.layout == "passive" and g.tracks]
@@ -176,7 +176,7 @@ def answer(groups: Sequence[Group], chosen: Sequence[Group]) -> list[str]:
         grown = any(p.diverged for g in chosen for p in g.tracks.get(track, []))
         start = "Beyond that the motion grows" if grown else "None of these runs diverged"
         sentences.append(
-            f"{start}: on {track}, Wz of the worse floor end goes {' and '.join(moves)}{against}."
+            f"{start}: on {track}, Wz of the worse floor end goes {', '.join(moves)}{against}."
         )
     return sentences
 
@@ -200,17 +200,18 @@ def _stands(group: Group, named: bool) -> str:
     return f"{place} stay stable up to {longest:g} s, the longest delay searched"
 
 
-def _beyond(group: Group) -> str:
+def _beyond(group: Group, named: bool) -> str:
     points = next(iter(group.tracks.values()), [])
     if not points or points[0].worse is None:
         return ""
     first, last = points[0], points[-1]
     end = "beyond any number" if last.worse is None else f"to {last.worse:.2f}"
+    place = layout_words(group.layout) + (f" and {label(group.controller)}" if named else "")
     diverged = first_diverged(points)
     when = "not diverging" if diverged is None else f"diverging from {diverged:g} ms on"
     return (
         f"from {first.worse:.2f} at {first.delay_ms:g} ms {end} at {last.delay_ms:g} ms with "
-        f"{layout_words(group.layout)} ({when})"
+        f"{place} ({when})"
     )
 
 
