@@ -14,6 +14,7 @@ from typing import Any
 TABLE_DELAYS_MS = (0.0, 100.0, 200.0, 300.0)
 HIGHLIGHTED_GAIN = 35e3
 WIDTH = 120
+_LAYOUTS = {"2": "two actuators", "4": "four actuators", "passive": "no actuators"}
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,17 @@ def gain_of(spec: str) -> float | None:
     except ValueError:
         return None
     return gain if math.isfinite(gain) else None
+
+
+def label(spec: str) -> str:
+    """Return a controller's name for readers."""
+    gain = gain_of(spec)
+    return spec if gain is None else f"sky-hook {gain / 1000:g} kN s/m"
+
+
+def layout_words(layout: str) -> str:
+    """Return a layout in words."""
+    return _LAYOUTS.get(layout, f"layout {layout}")
 
 
 def groups_of(records: dict[str, Any]) -> list[Group]:
