@@ -124,6 +124,7 @@ def simulated_critical_delay(
         "limit_cycle": None,
         "max_delay_s": longest,
         "method": "simulation",
+        "note": "the continuous critical delay is not computed by simulation",
         "proved": False,
     }
     for bracket in brackets:
