@@ -24,6 +24,9 @@ from railenv.errors import (
 from railenv.files import make_folder
 from railenv.vehicle import LateralVehicle, lateral17
 
+LONGEST_CONTROL_PERIOD = 100.0
+"""Longest time between commands that is taken [s]."""
+
 
 def parse_loop(options: argparse.Namespace) -> tuple[Controller, LateralVehicle]:
     """Return the controller and the vehicle; a controller that has a layout decides it."""
@@ -38,6 +41,11 @@ def parse_stepping(options: argparse.Namespace) -> Stepping:
     period = check_positive(
         "control_period", parse_number("control_period", options.control_period), "seconds"
     )
+    if period > LONGEST_CONTROL_PERIOD:
+        raise ArgumentError(
+            f"control_period = {period:g} s is no control; "
+            f"give {LONGEST_CONTROL_PERIOD:g} s or less"
+        )
     lag = check_not_negative("actuator_lag", parse_number("actuator_lag", options.actuator_lag))
     # The physics step is 5 ms, or the largest whole part of the control period below that.
     parts = max(1, int(np.ceil(period / 0.005 - 1e-9)))
