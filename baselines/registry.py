@@ -123,7 +123,8 @@ def _from_module(rest: str, layout: str) -> Controller:
             module = importlib.import_module(module_name)
     except ControllerError as error:
         missing = error.__cause__
-        if isinstance(missing, ModuleNotFoundError) and module_name.startswith(missing.name or "?"):
+        name = missing.name if isinstance(missing, ModuleNotFoundError) else None
+        if name and f"{module_name}.".startswith(f"{name}."):
             raise ArgumentError(
                 f"controller module {module_name!r} was not found; it must be importable from here"
             ) from None

@@ -91,16 +91,18 @@ def _print_critical(answer: dict[str, Any], method: str, longest: float) -> None
     if answer.get("limit_cycle"):
         cycle = answer["limit_cycle"]
         word = "limit cycle" if cycle["settled"] else "still growing"
-        sizes = [
-            "-"
-            if cycle[f"floor_{end}_amplitude"] is None
-            else f"{cycle[f'floor_{end}_amplitude']:.2f}"
-            for end in ("front", "rear")
-        ]
-        print(
-            f"  {word} at {1000 * cycle['delay_s']:.0f} ms: floor {' / '.join(sizes)} m/s^2, "
-            f"force {cycle['force_amplitude'] / 1000:.1f} kN"
+        floor = " / ".join(
+            _size(cycle[f"floor_{end}_amplitude"], 1.0, 2) for end in ("front", "rear")
         )
+        force = _size(cycle["force_amplitude"], 1e-3, 1)
+        print(
+            f"  {word} at {1000 * cycle['delay_s']:.0f} ms: floor {floor} m/s^2, force {force} kN"
+        )
+
+
+def _size(value: float | None, factor: float, digits: int) -> str:
+    """Return a number, or what a run that left every bound has instead."""
+    return "beyond any bound" if value is None else f"{factor * value:.{digits}f}"
 
 
 def _print_crossings(answer: dict[str, Any]) -> None:

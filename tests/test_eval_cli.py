@@ -231,3 +231,19 @@ def test_an_interruption_has_its_own_status(capsys, monkeypatch: pytest.MonkeyPa
     status, _, err = run(capsys, "critical-delay", *SKYHOOK)
     assert status == 130
     assert "interrupted" in err
+
+
+def test_a_loop_that_the_oracle_refuses_is_simulated_all_the_same(
+    capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "accelerometer_law.py").write_text(
+        "import numpy as np\nfrom baselines import LinearFeedback\n"
+        "from railenv.envs.observation import sensor_names\n"
+        "def make(): return LinearFeedback(np.eye(4) * 100, sensor_names('4')[4:8], 4)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = answer(
+        capsys, "simulate", "--controller", "py:accelerometer_law:make", "--seconds", "5"
+    )
+    assert found["growth_rate"] is None
+    assert found["measures"]["ride_index_front"] > 0.0

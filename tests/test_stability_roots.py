@@ -232,3 +232,31 @@ def test_so_many_crossings_that_nobody_reads_them_are_refused(loop: DelaySystem)
 def test_complex_matrices_are_refused() -> None:
     with pytest.raises(ArgumentError, match="real numbers"):
         DelaySystem([[1j]], [[1.0]], [[1.0]])
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_long_delays_of_fast_loops_are_counted_or_refused(seed: int) -> None:
+    # omega tau up to some hundreds: dozens of unstable roots around the resonance, which a coarse
+    # grid does not show and which no two coarse grids may agree away
+    rng = np.random.default_rng(seed)
+    omega = 10 ** rng.uniform(0.0, 2.3)
+    c = omega * 10 ** rng.uniform(-3.0, -0.5)
+    g = c * rng.uniform(0.5, 8.0)
+    loop = DelaySystem([[0.0, 1.0], [-(omega**2), -c]], [[0.0], [1.0]], [[g * omega * 0.3, g]])
+    answer = critical_delays(loop, 3.0)
+    for delay in rng.uniform(0.01, 3.0, 3):
+        try:
+            number = count_unstable(loop, delay)
+        except ArgumentError:
+            assert omega * delay > 100.0
+            continue
+        assert number == answer.unstable_roots(delay)
+
+
+def test_as_many_roots_come_back_as_were_asked_for() -> None:
+    modes = rightmost_roots(oscillator(1.0, 0.1, 0.5), 1.0, 50)
+    assert len(modes) == 50
+    for mode in modes:
+        s = mode.root
+        left = s**2 + 0.1 * s + 1.0 + 0.5 * s * np.exp(-s)
+        assert abs(left) < 1e-8 * abs(s) ** 2

@@ -26,6 +26,7 @@ _SEED_TOLERANCE = 1e-5
 _SEED_REACH = 0.3
 # Convergence is quadratic: after a relative step of this size only rounding is left.
 _LAST_STEP = 1e-8
+_NODES_TO_SPARE = 8
 # Allowance for the seed's own error in the bound on its size.
 _SLACK = 1.1
 # Part of |s| to the left of the imaginary axis that is searched when unstable roots are counted.
@@ -60,11 +61,14 @@ def rightmost_roots(
     before: list[Mode] | None = None
     while True:
         seeds = modes_of_matrix(collocation_matrix(scaled, delays, nodes), scaled.num_states)
-        if not np.any(delays > 0.0):
+        if not np.any(delays > 0.0) or not np.any(scaled.B @ scaled.K):
             found = seeds[:wanted]
             break
         found, trusted = _corrected(scaled, delays, seeds, wanted)
-        if trusted or _same(before, found, wanted):
+        if len(found) == wanted and (
+            trusted
+            or (_same(before, found) and nodes >= _required(scaled, delays, found[-1].root.real))
+        ):
             break
         before = found
         nodes *= 2
@@ -81,8 +85,8 @@ def count_unstable(system: DelaySystem, delay: float | Sequence[float] = 0.0) ->
     """Return the number of roots with positive real part; a conjugate pair counts twice.
 
     Every eigenvalue of the grid that lies near the imaginary axis or to the right of it is
-    corrected; the grid is refined until all of them are roots, or until two grids agree. An
-    estimate, not proved.
+    corrected; the grid is refined until all of them are roots, or until two grids agree that
+    resolve every frequency at which the loop gain allows an unstable root. An estimate, not proved.
 
     Raises:
         ArgumentError: A bad delay, or the finest grid does not settle the count.
@@ -98,7 +102,7 @@ def count_unstable(system: DelaySystem, delay: float | Sequence[float] = 0.0) ->
         near = [seed for seed in seeds if seed.root.real > -_NEAR_AXIS * abs(seed.root)]
         found, trusted = _corrected(scaled, delays, near, len(near))
         number = _number_unstable(found)
-        if trusted or number == before:
+        if trusted or (number == before and nodes >= _required(scaled, delays, 0.0)):
             return number
         before = number
         nodes *= 2
@@ -163,35 +167,71 @@ def _corrected(
     Returns:
         Up to `wanted` roots by falling real part, and whether every seed looked at was a root.
     """
-    found: list[Mode] = []
+    settled: list[Mode] = []
+    moved: list[Mode] = []
     trusted = True
     plant = float(np.linalg.norm(system.A, 2))
     feedback = np.linalg.norm(system.B, axis=0) * np.linalg.norm(system.K, axis=1)
     for seed in seeds:
+        # One more than wanted, so that the order at the edge is decided after correction.
+        if len(settled) + len(moved) > wanted:
+            break
         # s x = A x - sum b_i K_i exp(-s tau_i) x: no root is larger than its own right-hand side.
         decay = np.minimum(-seed.root.real * delays, _LARGEST_EXPONENT)
         if abs(seed.root) > _SLACK * (plant + float(feedback @ np.exp(decay))):
+            trusted = False
             continue
-        # One more than wanted, so that the order at the edge is decided after correction.
-        if len(found) > wanted:
-            break
         mode = newton(system, delays, seed)
         size = max(abs(seed.root), 1e-6 * plant)
         if mode is not None and abs(mode.root - seed.root) <= _SEED_TOLERANCE * size:
-            found.append(mode)
+            # Each settled seed is a root of its own (multiple roots have several); a seed that
+            # moved to the same place before was not.
+            moved = [m for m in moved if abs(m.root - mode.root) > _SEED_TOLERANCE * size]
+            settled.append(mode)
             continue
         trusted = False
         if mode is None or abs(mode.root - seed.root) > _SEED_REACH * size:
             continue
-        if all(abs(mode.root - other.root) > _SEED_TOLERANCE * size for other in found):
-            found.append(mode)
-    found.sort(key=lambda mode: -mode.root.real)
+        if all(abs(mode.root - m.root) > _SEED_TOLERANCE * size for m in settled + moved):
+            moved.append(mode)
+    found = sorted(settled + moved, key=lambda mode: -mode.root.real)
     return found[:wanted], trusted
 
 
-def _same(before: list[Mode] | None, now: list[Mode], wanted: int) -> bool:
+def _required(system: DelaySystem, delays: FloatArray, real: float) -> float:
+    """Return the nodes that resolve every root with at least this real part.
+
+    At a root s the loop gain |exp(-s tau) K (s I - A)^-1 B| is one or more. The largest frequency
+    at which it can be, at this real part, is looked for on a grid with the plant's own
+    frequencies; N nodes resolve omega tau up to 2 N, less a few nodes for accuracy.
+    """
+    weight = np.exp(np.minimum(-real * delays, _LARGEST_EXPONENT))
+    norms = np.linalg.norm(system.B, axis=0) * np.linalg.norm(system.K, axis=1)
+    largest = float(np.linalg.norm(system.A, 2) + norms @ weight)
+    own = np.abs(np.linalg.eigvals(system.A).imag)
+    grid = np.geomspace(1e-9 * largest, largest, 600)
+    omega = np.unique(np.concatenate([grid, *(own[own > 0.0] * f for f in (0.97, 1.0, 1.03))]))
+    s = real + 1j * omega[:, None, None] * (1.0 + 1e-9)
+    gain = (system.K * weight[:, None]) @ np.linalg.solve(
+        s * np.eye(system.num_states) - system.A, system.B.astype(np.complex128)
+    )
+    # One common delay turns all channels alike: then only the eigenvalues count.
+    common = bool(np.all(delays == delays[0]))
+    size = (
+        np.abs(np.linalg.eigvals(gain)).max(axis=1)
+        if common
+        else np.linalg.norm(gain, ord=2, axis=(1, 2))
+    )
+    allowed = np.flatnonzero(size >= 1.0 / _SLACK)
+    if allowed.size == 0:
+        return 0.0
+    highest = omega[min(int(allowed[-1]) + 1, len(omega) - 1)]
+    return float(highest * delays.max()) / 2.0 + _NODES_TO_SPARE
+
+
+def _same(before: list[Mode] | None, now: list[Mode]) -> bool:
     """Whether two grids gave the same full list of roots."""
-    if before is None or len(before) < wanted or len(now) < wanted:
+    if before is None or len(before) < len(now):
         return False
     return all(
         abs(a.root - b.root) <= _SEED_TOLERANCE * abs(b.root)
@@ -220,8 +260,12 @@ def newton(system: DelaySystem, delays: FloatArray, seed: Mode) -> Mode | None:
         if sizes[-1] < best_size:
             best, best_size, vector = s, sizes[-1], v
         slope = np.vdot(u, system.characteristic_derivative(s, delays) @ v)
-        if sizes[-1] <= 1e-15 * sizes[0] or slope == 0.0:
+        if sizes[-1] <= 1e-15 * sizes[0]:
+            # This very s, and not the best so far: far to the left M is huge and tells nothing.
+            best, vector = s, v
             break
+        if slope == 0.0:
+            return None
         step = sizes[-1] / slope
         s -= step
         if abs(step) <= _LAST_STEP * max(abs(s), 1e-9 * sizes[0]):
