@@ -20,6 +20,7 @@ from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import DEFAULT_ACTION_SCALE, sensor_names
 from railenv.errors import ArgumentError, ControllerError, check_positive, unknown_name
 from railenv.stability import DelaySystem
+from railenv.stability.loops import LinearSystem
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, state_space
 from railenv.vehicle.coordinates import Layout, actuator_positions, parse_layout
@@ -57,6 +58,52 @@ class Controller(Protocol):
         ...
 
 
+def sensor_columns(sensors: tuple[str, ...], layout: Layout) -> list[int]:
+    """Return where the sensors stand in the standard observation of a layout.
+
+    Raises:
+        ArgumentError: A sensor does not exist; the message names the nearest.
+    """
+    known = sensor_names(layout)
+    for name in sensors:
+        if name not in known:
+            raise unknown_name("sensor", name, known)
+    return [known.index(name) for name in sensors]
+
+
+def check_layout(layout: Layout, vehicle: LateralVehicle) -> None:
+    """Raise `ArgumentError` unless the vehicle has the controller's layout."""
+    if vehicle.layout != layout:
+        raise ArgumentError(
+            f"the controller is for layout {layout}, the vehicle has layout "
+            f"{vehicle.layout}; use the same for both"
+        )
+
+
+def plant_seen(
+    vehicle: LateralVehicle, sensors: tuple[str, ...], actuator: ActuatorSpec | None
+) -> LinearSystem:
+    """Return what a controller stands before: commands in, sensors out.
+
+    Args:
+        vehicle: The vehicle.
+        sensors: Names of the sensors.
+        actuator: Its lag becomes part of the plant; limits do not act on small motion.
+
+    Returns:
+        The vehicle's states, followed by the forces if there is a lag: feedthrough from them is
+        then ordinary output.
+    """
+    system = state_space(vehicle)
+    C, D = system.output_rows(sensors)
+    D = D[:, : system.num_actuators]
+    lag = ActuatorSpec() if actuator is None else actuator
+    A, B = lag.with_lag(system.A, system.actuator_input)
+    if lag.lag > 0.0:
+        C, D = np.hstack([C, D]), np.zeros_like(D)
+    return LinearSystem(A, B, C, D, system.inputs[: system.num_actuators], sensors)
+
+
 class LinearFeedback:
     """Static linear feedback of sensors, u = -gain @ y(t - tau).
 
@@ -81,6 +128,7 @@ class LinearFeedback:
         self.sensors = tuple(sensors)
         self.gain: FloatArray = np.array(gain, dtype=float)
         self.action_scale = check_positive("action_scale", action_scale, "N")
+        self._columns = sensor_columns(self.sensors, self.layout)
         shape = (len(actuator_positions(self.layout)), len(self.sensors))
         if self.gain.shape != shape:
             raise ArgumentError(f"gain has shape {self.gain.shape}; it must be {shape}")
@@ -88,11 +136,6 @@ class LinearFeedback:
             raise ArgumentError(
                 "gain holds a value that is not finite; every entry must be a number"
             )
-        known = sensor_names(self.layout)
-        for name in self.sensors:
-            if name not in known:
-                raise unknown_name("sensor", name, known)
-        self._columns = [known.index(name) for name in self.sensors]
 
     def reset(self, num_lanes: int, seed: int) -> None:
         """Nothing to forget: the feedback is static."""
@@ -118,27 +161,10 @@ class LinearFeedback:
             actuator: Its lag becomes part of the plant; limits do not act on small motion.
 
         Returns:
-            x' = A x - sum_i b_i K_i x(t - tau_i).
+            The loop; neutral if a fed-back sensor has direct feedthrough and there is no lag.
 
         Raises:
-            ArgumentError: The layouts differ, or a fed-back sensor has direct feedthrough.
+            ArgumentError: The layouts differ.
         """
-        if vehicle.layout != self.layout:
-            raise ArgumentError(
-                f"the controller is for layout {self.layout}, the vehicle has layout "
-                f"{vehicle.layout}; use the same for both"
-            )
-        system = state_space(vehicle)
-        C, D = system.output_rows(self.sensors)
-        lag = ActuatorSpec() if actuator is None else actuator
-        A, B = lag.with_lag(system.A, system.actuator_input)
-        K, through = self.gain @ C, self.gain @ D[:, : system.num_actuators]
-        if lag.lag > 0.0:
-            # The forces are states now, so that feedthrough from them is ordinary state feedback.
-            return DelaySystem(A, B, np.hstack([K, through]))
-        if np.any(through):
-            raise ArgumentError(
-                "the loop is neutral: an accelerometer is fed back without a filter; give the "
-                "actuator a lag or low-pass the signal"
-            )
-        return DelaySystem(A, B, K)
+        check_layout(self.layout, vehicle)
+        return DelaySystem.from_loop(plant_seen(vehicle, self.sensors, actuator), self.gain)

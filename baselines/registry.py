@@ -1,8 +1,8 @@
 """Controllers by name: `make_controller("skyhook:gain=35e3")`.
 
-A SPEC is a registered name with settings after a colon, or `py:module:function` for a controller of
-the user's own. The function, or class, is called without arguments, or with `layout="2"` or "4" if
-it has a parameter of that name.
+A SPEC is a registered name with settings after a colon, the path of a saved policy (`gain.npz`), or
+`py:module:function` for a controller of the user's own. The function, or class, is called without
+arguments, or with `layout="2"` or "4" if it has a parameter of that name.
 """
 
 import importlib
@@ -15,6 +15,7 @@ from typing import Any
 
 from baselines.controller import Controller, users_own_code
 from baselines.passive import Passive, Zero
+from baselines.policy_file import load_policy
 from baselines.skyhook import SkyHook
 from railenv.errors import ArgumentError, ControllerError, check_text, unknown_name
 from railenv.vehicle.coordinates import parse_layout
@@ -76,8 +77,8 @@ def make_controller(spec: str, layout: object = 4) -> Controller:
     """Make a controller from its SPEC.
 
     Args:
-        spec: `name`, `name:key=value,key=value`, or `py:module:function`.
-        layout: 2 or 4 (or "passive"); the controller `passive` implies its own.
+        spec: `name`, `name:key=value,key=value`, `FILE.npz`, or `py:module:function`.
+        layout: 2 or 4 (or "passive"); `passive` and a saved policy bring their own.
 
     Returns:
         The controller.
@@ -85,13 +86,16 @@ def make_controller(spec: str, layout: object = 4) -> Controller:
     Raises:
         ArgumentError: The name, a key or a value is not valid.
         ControllerError: The user's own function failed or returned no controller.
+        InputFileError: The file of a saved policy cannot be used.
     """
     place = parse_layout(layout)
+    if spec.endswith(".npz"):
+        return load_policy(spec)
     name, _, rest = spec.partition(":")
     if name == "py":
         return _from_module(rest, place)
     if name not in _REGISTRY:
-        raise unknown_name("controller", name, [*_REGISTRY, "py:module:function"])
+        raise unknown_name("controller", name, [*_REGISTRY, "py:module:function", "FILE.npz"])
     entry = _REGISTRY[name]
     values = {key: default for key, (default, _) in entry.settings.items()}
     given: set[str] = set()

@@ -19,6 +19,10 @@ class ArgumentError(RailenvError, ValueError):
     """An argument, a setting or a name is not usable."""
 
 
+class NeutralLoopError(ArgumentError):
+    """A loop with direct feedthrough was given where only retarded loops have an answer."""
+
+
 class InputFileError(RailenvError, ValueError):
     """A file that was handed over cannot be read or does not follow its format."""
 

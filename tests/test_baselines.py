@@ -8,7 +8,7 @@ import pytest
 from baselines import LinearFeedback, Passive, SkyHook, Zero, make_controller
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import sensor_names
-from railenv.errors import ArgumentError, ControllerError
+from railenv.errors import ArgumentError, ControllerError, NeutralLoopError
 from railenv.stability import critical_delays
 from railenv.vehicle import lateral17, state_space
 
@@ -53,10 +53,12 @@ def test_actuator_lag_becomes_part_of_the_loop_and_costs_delay(vehicle) -> None:
     assert plain - delayed == pytest.approx(0.02, abs=0.003)
 
 
-def test_accelerometer_feedback_without_a_filter_is_refused_as_neutral(vehicle) -> None:
+def test_accelerometer_feedback_without_a_filter_is_neutral_and_named(vehicle) -> None:
     controller = LinearFeedback(np.eye(4) * 1e3, sensor_names("4")[4:8], 4)
-    with pytest.raises(ArgumentError, match="neutral"):
-        controller.to_delay_system(vehicle)
+    system = controller.to_delay_system(vehicle)
+    assert system.neutral
+    with pytest.raises(NeutralLoopError, match=r"carbody_lateral_acceleration_1.*lag"):
+        critical_delays(system)
 
 
 def test_accelerometer_feedback_through_a_lag_is_answered(vehicle) -> None:

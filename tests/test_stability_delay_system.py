@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from railenv.errors import ArgumentError
-from railenv.stability import DelaySystem, critical_delays, rightmost_roots
+from railenv.errors import ArgumentError, NeutralLoopError
+from railenv.stability import (
+    DelaySystem,
+    count_unstable,
+    critical_delays,
+    pade_critical_delays,
+    pade_roots,
+    rightmost_roots,
+    sampled_growth_rate,
+    sampled_roots,
+)
 
 A = np.array([[0.0, 1.0], [-4.0, -0.2]])
 B = np.array([[0.0], [1.0]])
@@ -21,6 +30,8 @@ K = np.array([[0.0, 1.0]])
         ((A * np.nan, B, K), "A holds a value that is not finite"),
         ((A, B, [["x", 1.0]]), "K is not a matrix"),
         ((A, B, [0.0, 1.0]), "K has 1 dimensions"),
+        ((A, B, K, np.zeros((2, 2))), "feedthrough has shape"),
+        ((A, B, K, [[np.inf]]), "feedthrough holds a value that is not finite"),
         ((np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))), "A has shape"),
     ],
 )
@@ -40,10 +51,48 @@ def test_a_scipy_system_with_output_feedback_gives_the_same_loop() -> None:
     np.testing.assert_array_equal(DelaySystem.from_statespace(plant, [[0.5]]).K, K)
 
 
-def test_feedthrough_in_the_loop_is_refused_as_neutral() -> None:
+def test_feedthrough_in_the_loop_makes_it_neutral() -> None:
     plant = signal.StateSpace(A, B, A[1:], np.array([[1.0]]))
-    with pytest.raises(ArgumentError, match="neutral"):
-        DelaySystem.from_statespace(plant, [[0.5]])
+    system = DelaySystem.from_statespace(plant, [[0.5]])
+    assert system.neutral
+    np.testing.assert_array_equal(system.feedthrough, [[0.5]])
+
+
+def test_a_loop_is_retarded_unless_something_is_fed_through() -> None:
+    assert not DelaySystem(A, B, K).neutral
+    assert not DelaySystem(A, B, K, np.zeros((1, 1))).neutral
+    np.testing.assert_array_equal(DelaySystem(A, B, K).feedthrough, [[0.0]])
+
+
+NEUTRAL = DelaySystem(A, B, K, np.array([[0.5]]), ("accelerometer",))
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        lambda: rightmost_roots(NEUTRAL, 0.1),
+        lambda: count_unstable(NEUTRAL, 0.1),
+        lambda: critical_delays(NEUTRAL),
+        lambda: pade_roots(NEUTRAL, 0.1, 3),
+        lambda: pade_critical_delays(NEUTRAL, 3),
+        lambda: sampled_growth_rate(NEUTRAL, 0.1, 0.01),
+        lambda: sampled_roots(NEUTRAL, 0.1, 0.01),
+        lambda: NEUTRAL.characteristic_matrix(1j, np.array([0.1])),
+        lambda: NEUTRAL.characteristic_derivative(1j, np.array([0.1])),
+        lambda: NEUTRAL.scaled.require_retarded("anything"),
+    ],
+)
+def test_no_question_for_retarded_loops_answers_a_neutral_one(question) -> None:
+    with pytest.raises(NeutralLoopError, match=r"neutral.*accelerometer into channel 1.*low-pass"):
+        question()
+
+
+def test_a_neutral_loop_without_delay_solves_for_its_force() -> None:
+    # f = -(K x + f / 2), so that two thirds of the gain are left
+    np.testing.assert_allclose(NEUTRAL.undelayed, A - B @ K / 1.5, rtol=1e-15)
+    singular = DelaySystem(A, B, K, np.array([[-1.0]]))
+    with pytest.raises(ArgumentError, match="singular"):
+        _ = singular.undelayed
 
 
 def test_a_discrete_time_plant_is_refused_with_its_period() -> None:

@@ -73,6 +73,7 @@ def pade_matrix(system: DelaySystem, delay: float, order: int) -> FloatArray:
     Raises:
         ArgumentError: The order or the delay is out of range.
     """
+    system.require_retarded("the Pade model")
     N = _check_order(order)
     if check_not_negative("delay", delay, "seconds") == 0.0:
         return system.undelayed

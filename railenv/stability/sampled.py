@@ -46,6 +46,7 @@ def lifted_matrix(system: DelaySystem, delay: float | Sequence[float], period: f
     Returns:
         Square matrix; the leading n states are x_k.
     """
+    system.require_retarded("the sampled loop")
     T = check_positive("period", period, "seconds")
     delays = system.delays(delay)
     n = system.num_states

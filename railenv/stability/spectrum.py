@@ -54,6 +54,7 @@ def rightmost_roots(
         ArgumentError: A bad delay or count, or so many roots asked for that the finest grid
             (256 nodes per signal) does not resolve them.
     """
+    system.require_retarded("rightmost_roots")
     wanted = check_count("count", count)
     delays = system.delays(delay)
     scaled = system.scaled
@@ -91,6 +92,7 @@ def count_unstable(system: DelaySystem, delay: float | Sequence[float] = 0.0) ->
     Raises:
         ArgumentError: A bad delay, or the finest grid does not settle the count.
     """
+    system.require_retarded("count_unstable")
     delays = system.delays(delay)
     scaled = system.scaled
     nodes = _FIRST_NODES

@@ -1,0 +1,139 @@
+"""Dynamic linear feedback: filters, integrators, observers, designed in continuous time.
+
+    xc' = A xc + B y,   u = -(C xc + D y)
+
+The oracle is given this law as it stands. In simulation it is stepped once per control period T
+with the exact transition exp(A T) and a reading that runs linearly from one sample to the next
+(first-order hold): poles stay where they were designed, and the reading is used at once, so that no
+delay beyond the sampling itself is added; what remains differs from the continuous law by terms of
+order T^2. A zero-order hold on the reading would act T/2 later.
+"""
+
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from baselines.controller import check_layout, plant_seen, sensor_columns
+from railenv.actuation import ActuatorSpec
+from railenv.actuation.hold import ramped_input
+from railenv.envs.observation import DEFAULT_ACTION_SCALE
+from railenv.errors import ArgumentError, check_positive
+from railenv.simulation import DEFAULT_CONTROL_PERIOD
+from railenv.stability import DelaySystem
+from railenv.stability.loops import LinearSystem, linear_system
+from railenv.units import FloatArray
+from railenv.vehicle import LateralVehicle
+from railenv.vehicle.coordinates import Layout, actuator_positions, parse_layout
+
+
+class LinearDynamic:
+    """Dynamic linear feedback of sensors, u = -law(y), batched.
+
+    Args:
+        law: The controller in continuous time, sensors in, forces [N] out: a tuple (A, B, C, D), or
+            a state space or transfer function of scipy.signal or python-control. u = -law(y).
+        sensors: Names of its inputs, columns of the standard observation of the layout.
+        layout: 2 or 4.
+        action_scale: Force of an action of one [N].
+        control_period: Time between actions [s]; it must be that of the run.
+
+    Raises:
+        ArgumentError: The law is no linear system in continuous time or has the wrong size, or a
+            sensor does not exist.
+    """
+
+    def __init__(
+        self,
+        law: Any,
+        sensors: tuple[str, ...],
+        layout: object,
+        action_scale: float = DEFAULT_ACTION_SCALE,
+        control_period: float = DEFAULT_CONTROL_PERIOD,
+    ) -> None:
+        self.layout: Layout = parse_layout(layout)
+        self.sensors = tuple(sensors)
+        self.law: LinearSystem = linear_system(law, "law")
+        self.action_scale = check_positive("action_scale", action_scale, "N")
+        self.control_period = check_positive("control_period", control_period, "seconds")
+        self._columns = sensor_columns(self.sensors, self.layout)
+        shape = (len(actuator_positions(self.layout)), len(self.sensors))
+        if self.law.D.shape != shape:
+            raise ArgumentError(
+                f"law has shape {self.law.D.shape}; it must be {shape}: one output per actuator, "
+                "one input per sensor"
+            )
+        A, B = self.law.A, self.law.B
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._before, self._after = ramped_input(A, B, np.zeros_like(B), self.control_period)
+            self._transition = _transition(A, self.control_period)
+        if not all(np.all(np.isfinite(m)) for m in (self._before, self._after, self._transition)):
+            raise ArgumentError(
+                f"law is too fast to be stepped at control_period = {self.control_period:g} s "
+                "(its transition is not finite); give a shorter period or a slower law"
+            )
+        self._state: FloatArray = np.zeros((0, A.shape[0]))
+        self._reading: FloatArray | None = None
+
+    def reset(self, num_lanes: int, seed: int) -> None:  # noqa: ARG002
+        """Start every lane with the law's states at zero."""
+        self._state = np.zeros((num_lanes, self.law.A.shape[0]))
+        self._reading = None
+
+    def act(self, observations: FloatArray) -> FloatArray:
+        """Step the law and return its actions, shape (lanes, channels).
+
+        Raises:
+            ArgumentError: The number of lanes is not that of the last reset.
+        """
+        if observations.shape[0] != self._state.shape[0]:
+            raise ArgumentError(
+                f"observations have {observations.shape[0]} lanes, reset was called for "
+                f"{self._state.shape[0]}; call reset(num_lanes, seed) first"
+            )
+        reading = observations[:, self._columns]
+        if self._reading is not None:
+            self._state = (
+                _applied(self._transition, self._state)
+                + _applied(self._before, self._reading)
+                + _applied(self._after, reading)
+            )
+        self._reading = reading
+        force = _applied(self.law.C, self._state) + _applied(self.law.D, reading)
+        return -force / self.action_scale
+
+    def to_delay_system(
+        self, vehicle: LateralVehicle, actuator: ActuatorSpec | None = None
+    ) -> DelaySystem:
+        """Close the loop of the continuous law around a vehicle.
+
+        Args:
+            vehicle: The vehicle; its layout must be the controller's.
+            actuator: Its lag becomes part of the plant; limits do not act on small motion.
+
+        Returns:
+            The loop over the states of the vehicle, the forces (with a lag) and the law; neutral if
+            the law passes a sensor with direct feedthrough straight through and there is no lag.
+
+        Raises:
+            ArgumentError: The layouts differ.
+        """
+        check_layout(self.layout, vehicle)
+        return DelaySystem.from_loop(plant_seen(vehicle, self.sensors, actuator), self.law)
+
+
+def _transition(A: FloatArray, period: float) -> FloatArray:
+    """Return exp(A T)."""
+    return np.asarray(linalg.expm(A * period)) if A.size else A.copy()
+
+
+def _applied(matrix: FloatArray, lanes: FloatArray) -> FloatArray:
+    """Return each lane's matrix product, shape (lanes, rows).
+
+    One multiply-add per column in a fixed order, so that a lane's numbers do not depend on how many
+    lanes there are (a matrix library's would).
+    """
+    result = np.zeros((lanes.shape[0], matrix.shape[0]))
+    for column in range(matrix.shape[1]):
+        result += lanes[:, column, None] * matrix[:, column]
+    return result
