@@ -60,6 +60,25 @@ def parse_delay(text: str) -> float | tuple[float, ...]:
     return values[0] if len(values) == 1 else values
 
 
+def parse_delay_box(text: str) -> float | tuple[float, float] | list[Any]:
+    """Return what `railenv.stability.certify` takes: numbers, low:high intervals, one per channel.
+
+    Args:
+        text: "0.19", "0:0.19", or one of either per channel with commas between.
+    """
+    entries = [_delay_entry(entry) for entry in text.split(",")]
+    return entries[0] if len(entries) == 1 else entries
+
+
+def _delay_entry(text: str) -> float | tuple[float, float]:
+    ends = [
+        check_not_negative("delay", parse_number("delay", t), "seconds") for t in text.split(":")
+    ]
+    if len(ends) > 2:
+        raise ArgumentError(f"delay = {text!r} has more than two ends; give low:high")
+    return ends[0] if len(ends) == 1 else (ends[0], ends[1])
+
+
 def parse_number(name: str, text: str) -> float:
     """Return a finite number, or raise `ArgumentError` with the argument's name."""
     return check_text(name, text)

@@ -27,6 +27,9 @@ _COMMANDS = {
     "roots": ("eval.command_stability", "command_roots"),
     "benchmark": ("eval.command_benchmark", "command_benchmark"),
     "report": ("eval.command_benchmark", "command_report"),
+    "certify": ("eval.command_certify", "command_certify"),
+    "chart": ("eval.command_chart", "command_chart"),
+    "bench-speed": ("eval.command_bench", "command_bench_speed"),
 }
 
 _LONGEST_LINE = 600
@@ -134,15 +137,18 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--plot", help="draw the run into this .png, .svg or .pdf file")
 
     critical = commands.add_parser("critical-delay", help="every critical delay of a loop")
-    _loop(critical)
+    _loop(critical, own=True)
     critical.add_argument("--method", default="exact", help="exact, pade:N or simulation (exact)")
     critical.add_argument("--max-delay", default="2", help="longest delay searched [s] (2)")
 
     roots = commands.add_parser("roots", help="rightmost characteristic roots at one delay")
-    _loop(roots)
+    _loop(roots, own=True)
     roots.add_argument("--delay", required=True, help="delay [s], or one per channel: 0.1,0.1")
     roots.add_argument("--count", default="10", help="how many (10)")
     roots.add_argument("--method", default="exact", help="exact or pade:N (exact)")
+
+    _certify(commands.add_parser("certify", help="a proof of stability or instability"))
+    _chart(commands.add_parser("chart", help="critical delay over any two parameters"))
 
     benchmark = commands.add_parser("benchmark", help="score controllers; table and report")
     benchmark.add_argument("--suite", default="quick", help="name of a suite (quick)")
@@ -155,6 +161,11 @@ def _parser() -> argparse.ArgumentParser:
 
     report = commands.add_parser("report", help="one HTML page from a benchmark's records")
     report.add_argument("folder", help="folder of a finished benchmark")
+
+    speed = commands.add_parser("bench-speed", help="times beside a generic method, in one run")
+    speed.add_argument("--only", metavar="SECTION", help="one section: oracle (all)")
+    speed.add_argument("--repeat", default="5", help="most runs of each entry (5)")
+    _json(speed)
     return parser
 
 
@@ -164,21 +175,78 @@ def _version() -> str:
     return f"railenv {metadata.version('railenv')}"
 
 
-def _loop(parser: argparse.ArgumentParser) -> None:
-    """Arguments that say which loop is meant."""
+class Default(str):
+    """A default value, so that an option that was left out can be told from one that was typed."""
+
+    __slots__ = ()
+    is_default = True
+
+
+def _certify(parser: argparse.ArgumentParser) -> None:
+    """Arguments of a proof."""
+    _loop(parser, own=True, required=False)
+    for option, text in (
+        ("--delay", "delay [s]: 0.19, every one in 0:0.19, or either per channel: 0:0.1,..."),
+        ("--jitter", "delays that vary in time by up to this much more [s]"),
+        ("--decay-rate", "ask for roots left of its negative [1/s] (0)"),
+        ("--damping-ratio", "ask for this damping ratio up to --max-frequency-hz [1]"),
+        ("--max-frequency-hz", "highest damped frequency of that rule [Hz]"),
+        ("--max-tests", "give up after so many tests"),
+        ("--save", "write the certificate to this .json file"),
+        ("--verify", "re-check this certificate; with a loop given, that it is about it"),
+    ):
+        parser.add_argument(option, help=text)
     parser.add_argument(
+        "--common-jitter", action="store_true", help="all channels share the varying delay"
+    )
+
+
+def _loop(parser: argparse.ArgumentParser, own: bool = False, required: bool = True) -> None:
+    """Arguments that say which loop is meant; `own` takes one that is no vehicle's too."""
+    place = parser.add_mutually_exclusive_group(required=required) if own else parser
+    place.add_argument(
         "--controller",
-        required=True,
+        required=not own,
         metavar="SPEC",
-        help="skyhook:gain=35e3, passive, py:module:function",
+        help="skyhook:gain=35e3, passive, gain.npz, py:module:function",
     )
-    parser.add_argument("--layout", default="4", help="passive, 2 or 4 (4)")
-    parser.add_argument("--speed-kmh", default="300", help="running speed [km/h] (300)")
-    parser.add_argument("--vehicle", default="paper_fit", help="name of a vehicle (paper_fit)")
-    parser.add_argument("--control-period", default="0.01", help="time between commands [s] (0.01)")
-    parser.add_argument(
-        "--actuator-lag", default="0", help="first-order lag of the actuators [s] (0)"
-    )
+    if own:
+        place.add_argument(
+            "--system",
+            metavar="FILE.npz",
+            help="a loop of your own instead: arrays A, B, K with u = -K x(t - tau)",
+        )
+    for option, default, text in (
+        ("--layout", "4", "passive, 2 or 4 (4)"),
+        ("--speed-kmh", "300", "running speed [km/h] (300)"),
+        ("--vehicle", "paper_fit", "name of a vehicle (paper_fit)"),
+        ("--control-period", "0.01", "time between commands [s] (0.01)"),
+        ("--actuator-lag", "0", "first-order lag of the actuators [s] (0)"),
+    ):
+        parser.add_argument(option, default=Default(default), help=text)
+    _json(parser)
+
+
+def _chart(parser: argparse.ArgumentParser) -> None:
+    """Arguments of a stability chart."""
+    for option, text in (
+        ("--controller", "skyhook, passive, gain.npz, py:module:function"),
+        ("--x", "gain=10e3:100e3:19, conicity=0.02:0.5:9:log, carbody_mass*=0.8:1.3:11"),
+        ("--y", "also speed_kmh, actuator_lag; a parameter in SI units; or NAME=VALUE"),
+    ):
+        metavar = "SPEC" if option == "--controller" else "NAME=LOW:HIGH:NUMBER"
+        parser.add_argument(option, required=True, metavar=metavar, help=text)
+    for option, default, text in (
+        ("--layout", "4", "passive, 2 or 4 (4)"),
+        ("--speed-kmh", "300", "running speed if no axis [km/h] (300)"),
+        ("--vehicle", "paper_fit", "name of a vehicle (paper_fit)"),
+        ("--actuator-lag", "0", "first-order lag of the actuators if no axis [s] (0)"),
+        ("--max-delay", "2", "longest delay searched [s] (2)"),
+        ("--jobs", "1", "worker processes (1)"),
+    ):
+        parser.add_argument(option, default=default, help=text)
+    parser.add_argument("--plot", help="draw the chart into this .png, .svg or .pdf file")
+    parser.add_argument("--out", help="write the chart's data to this .npz file")
     _json(parser)
 
 

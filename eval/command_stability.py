@@ -13,21 +13,66 @@ from eval.arguments import (
     progress_bar,
 )
 from eval.delay_sweep import simulated_critical_delay
-from eval.stability_answers import critical_delay_answer, delay_system, root_answers
-from railenv.errors import ArgumentError, check_count, check_positive
-from railenv.stability import pade_roots, rightmost_roots
+from eval.stability_answers import (
+    critical_delay_answer,
+    delay_system,
+    enclosed_root_answers,
+    root_answers,
+)
+from eval.system_file import load_system
+from railenv.errors import ArgumentError, NeutralLoopError, check_count, check_positive
+from railenv.stability import DelaySystem, enclosed_roots, pade_roots, rightmost_roots
+from railenv.vehicle import LateralVehicle
 
 _SHOWN = 20
 """Most lines of a list; --json gives all."""
 
 
+_OF_A_VEHICLE = ("layout", "speed_kmh", "vehicle", "actuator_lag")
+
+
+def parse_linear_loop(options: argparse.Namespace) -> tuple[DelaySystem, LateralVehicle | None]:
+    """Return the loop that --controller or --system means, and its vehicle if it has one.
+
+    Raises:
+        ArgumentError: The controller is not linear, or an option for vehicles stands beside
+            --system.
+        InputFileError: The file of --system or of a saved policy cannot be used.
+    """
+    if options.controller is not None:
+        controller, vehicle = parse_loop(options)
+        return delay_system(controller, vehicle, parse_stepping(options).actuator), vehicle
+    for name in _OF_A_VEHICLE:
+        if is_typed(options, name):
+            raise ArgumentError(
+                f"--{name.replace('_', '-')} says something of a vehicle and {options.system!r} is "
+                "a loop of its own; drop the option, or give --controller instead of --system"
+            )
+    return load_system(options.system), None
+
+
+def is_typed(options: argparse.Namespace, name: str) -> bool:
+    """Whether an option was given, not left to its default."""
+    return not getattr(getattr(options, name), "is_default", False)
+
+
+def _loop_name(options: argparse.Namespace, vehicle: LateralVehicle | None) -> str:
+    if vehicle is None:
+        return str(options.system)
+    return f"{options.controller}, layout {vehicle.layout}"
+
+
 def command_critical_delay(options: argparse.Namespace) -> None:
     """Print every critical delay of a loop."""
-    controller, vehicle = parse_loop(options)
     longest = check_positive("max_delay", parse_number("max_delay", options.max_delay), "seconds")
     stepping = parse_stepping(options)
     method, order = _method(options.method, ("exact", "simulation"))
     if method == "simulation":
+        if options.controller is None:
+            raise ArgumentError(
+                "--method simulation runs a vehicle; give --controller instead of --system"
+            )
+        controller, vehicle = parse_loop(options)
         with progress_bar(options, None, "batch") as bar:
 
             def tell(word: str) -> None:
@@ -38,7 +83,9 @@ def command_critical_delay(options: argparse.Namespace) -> None:
                 controller, vehicle, stepping=stepping, max_delay=longest, progress=tell
             )
     else:
-        system = delay_system(controller, vehicle, stepping.actuator)
+        system, vehicle = parse_linear_loop(options)
+        # A loop of the user's own has no control period unless one is named.
+        sampled = vehicle is not None or is_typed(options, "control_period")
         with progress_bar(options, None, "delay") as bar:
 
             def tell_delay(delay: float) -> None:
@@ -48,7 +95,7 @@ def command_critical_delay(options: argparse.Namespace) -> None:
             answer = critical_delay_answer(
                 system,
                 vehicle,
-                stepping.control_period,
+                stepping.control_period if sampled else None,
                 longest,
                 order,
                 progress=tell_delay,
@@ -56,35 +103,63 @@ def command_critical_delay(options: argparse.Namespace) -> None:
     if options.json:
         print_json(answer)
         return
-    print(
-        f"{options.controller}, layout {vehicle.layout}, {options.speed_kmh} km/h, "
-        f"{options.vehicle}, method {answer['method']}"
-    )
+    train = f", {options.speed_kmh} km/h, {options.vehicle}" if vehicle is not None else ""
+    print(f"{_loop_name(options, vehicle)}{train}, method {answer['method']}")
     _print_critical(answer, method, longest)
     _print_crossings(answer)
-    print(
-        "  proved: no (exact to rounding)"
-        if order is None and method == "exact"
-        else "  proved: no (an estimate)"
-    )
+    print(_proved_text(answer, method))
+
+
+def _proved_text(answer: dict[str, Any], method: str) -> str:
+    if method == "pade":
+        return _pade_text(answer)
+    if method == "simulation":
+        return "  proved: no (an estimate)"
+    if not answer["proved"]:
+        return f"  proved: no (exact to rounding; {answer['reason']})"
+    if answer["delay_independent"]:
+        return "  proved: yes; no root meets the imaginary axis for any delay at all"
+    return "  proved: yes; no crossing is missing"
+
+
+def _pade_text(answer: dict[str, Any]) -> str:
+    """Set the Pade answer beside the exact one."""
+    exact = answer["exact_critical_delay_s"]
+    lines = ["  proved: no (an estimate; Pade models err on the unsafe side)"]
+    if exact is not None:
+        lines.append(f"  exact critical delay                  {1000 * exact:.3f} ms")
+    if answer["relative_error"] is not None:
+        lines.append(f"  relative error of the Pade answer     {answer['relative_error']:.1e}")
+    if answer["order_by_the_rule"] is not None:
+        lines.append(
+            f"  order by the rule 3.631 f tau + 0.421  {answer['order_by_the_rule']} "
+            "(correlation 0.99 at the crossing)"
+        )
+    return "\n".join(lines)
 
 
 def _print_critical(answer: dict[str, Any], method: str, longest: float) -> None:
     if answer.get("unstable_roots_without_delay"):
         number = answer["unstable_roots_without_delay"]
         print(f"  UNSTABLE WITHOUT DELAY: {number} unstable roots")
+    if answer.get("marginal_roots"):
+        print(
+            f"  NEVER ASYMPTOTICALLY STABLE: {answer['marginal_roots']} root(s) stay on the "
+            "imaginary axis whatever the delay"
+        )
     continuous = _ms(answer["critical_delay_s"], longest)
     if method == "simulation":
         continuous = "not known to this method"
-    period = f"every {1000 * answer['control_period_s']:g} ms"
-    exact = "  (exact map)" if method == "pade" else ""
     print(f"  critical delay, continuous            {continuous}")
-    print(
-        f"  critical delay, sampled {period:<13} "
-        f"{_ms(answer['critical_delay_sampled_s'], longest)}{exact}"
-    )
+    if answer["control_period_s"] is not None:
+        period = f"every {1000 * answer['control_period_s']:g} ms"
+        exact = "  (exact map)" if method == "pade" else ""
+        print(
+            f"  critical delay, sampled {period:<13} "
+            f"{_ms(answer['critical_delay_sampled_s'], longest)}{exact}"
+        )
     if answer["frequency_hz"] is not None:
-        print(f"  first unstable: {answer['frequency_hz']:.4f} Hz, {answer['mode']}")
+        print(f"  first unstable: {answer['frequency_hz']:.4f} Hz, {answer['mode'] or '-'}")
     if answer.get("bracket_s"):
         low, high = (1000 * b for b in answer["bracket_s"])
         print(f"  bracket {low:.1f} to {high:.1f} ms (estimate)")
@@ -112,7 +187,7 @@ def _print_crossings(answer: dict[str, Any]) -> None:
     for crossing in crossings[:_SHOWN]:
         print(
             f"    {1000 * crossing['delay_s']:10.3f}  {crossing['frequency_hz']:14.4f}  "
-            f"{crossing['direction']:<8}  {crossing['mode']}"
+            f"{crossing['direction']:<8}  {crossing['mode'] or '-'}"
         )
     if len(crossings) > _SHOWN:
         print(f"    ... and {len(crossings) - _SHOWN} more (--json lists all)")
@@ -126,35 +201,57 @@ def _print_crossings(answer: dict[str, Any]) -> None:
 
 def command_roots(options: argparse.Namespace) -> None:
     """Print the rightmost characteristic roots at one delay."""
-    controller, vehicle = parse_loop(options)
     delay = parse_delay(options.delay)
     count = check_count("count", parse_whole("count", options.count))
     method, order = _method(options.method, ("exact",))
-    system = delay_system(controller, vehicle, parse_stepping(options).actuator)
+    system, vehicle = parse_linear_loop(options)
+    proved, region = False, None
     if order is None:
-        modes = rightmost_roots(system, delay, count)
+        answers, region = _enclosed(system, delay, count, vehicle)
+        proved = region is not None
     else:
         if isinstance(delay, tuple):
             raise ArgumentError("the Pade method takes one delay for all channels; give one number")
-        modes = pade_roots(system, delay, order, count)
-    answers = root_answers(modes, vehicle)
+        answers = root_answers(pade_roots(system, delay, order, count), vehicle)
     if options.json:
-        print_json({"method": options.method, "proved": False, "roots": answers})
+        print_json(
+            {"method": options.method, "proved": proved, "right_of": region, "roots": answers}
+        )
         return
     print(
-        f"{options.controller}, layout {vehicle.layout}, delay {options.delay} s, method {method}"
+        f"{_loop_name(options, vehicle)}, delay {options.delay} s, method {method}"
         + (f":{order}" if order is not None else "")
     )
     growing = sum(root["re"] > 0.0 for root in answers)
-    print(
-        f"  {'UNSTABLE' if growing else 'stable'} at this delay (continuous feedback, not proved)"
-    )
+    word = "proved" if proved else "not proved"
+    print(f"  {'UNSTABLE' if growing else 'stable'} at this delay (continuous feedback, {word})")
     print("         re [1/s]      im [1/s]  |s|/2pi [Hz]  damping ratio  mode")
     for root in answers:
         print(
             f"    {root['re']:13.6f} {root['im']:13.6f}  {root['frequency_hz']:12.4f}  "
-            f"{root['damping_ratio']:13.5f}  {root['mode']}"
+            f"{root['damping_ratio']:13.5f}  {root['mode'] or '-'}"
         )
+    if proved:
+        print(
+            f"  complete: no other root is right of {region:.6g} 1/s; each is enclosed to "
+            f"{max(root['radius'] for root in answers):.1e} 1/s"
+        )
+
+
+def _enclosed(
+    system: DelaySystem,
+    delay: float | tuple[float, ...],
+    count: int,
+    vehicle: LateralVehicle | None,
+) -> tuple[list[dict[str, Any]], float | None]:
+    """Return proved roots and the line they are all of to the right of; estimates and None else."""
+    try:
+        found = enclosed_roots(system, delay, count)
+    except NeutralLoopError:
+        raise
+    except ArgumentError:
+        return root_answers(rightmost_roots(system, delay, count), vehicle), None
+    return enclosed_root_answers(found, vehicle), found.right_of
 
 
 def _method(text: str, plain: tuple[str, ...]) -> tuple[str, int | None]:

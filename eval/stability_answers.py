@@ -9,15 +9,20 @@ from baselines.controller import Controller, users_own_code
 from railenv.actuation import ActuatorSpec
 from railenv.errors import ArgumentError, ControllerError, RailenvError
 from railenv.stability import (
+    CriticalDelays,
     DelaySystem,
+    EnclosedRoots,
     Mode,
     critical_delays,
     follow,
     pade_critical_delays,
+    required_order,
     rightmost_roots,
     sampled_critical_delay,
 )
 from railenv.vehicle import LateralVehicle, mode_name
+
+_DIRECTIONS = {1: "unstable", -1: "stable", 0: "touches"}
 
 LOCUS_DELAYS_MS = tuple(range(0, 301, 4))
 """Delays of a root locus [ms]."""
@@ -64,8 +69,8 @@ def delay_system(
 
 def critical_delay_answer(
     system: DelaySystem,
-    vehicle: LateralVehicle,
-    period: float,
+    vehicle: LateralVehicle | None,
+    period: float | None,
     max_delay: float,
     pade_order: int | None = None,
     progress: Callable[[float], None] | None = None,
@@ -74,8 +79,8 @@ def critical_delay_answer(
 
     Args:
         system: The loop.
-        vehicle: Names the modes.
-        period: Control period for the sampled answer [s].
+        vehicle: Names the modes; None for a loop that is no vehicle's, whose modes have no name.
+        period: Control period for the sampled answer [s]; None for no such answer.
         max_delay: Longest delay searched [s].
         pade_order: Order of the Pade model that answers instead of the exact crossings; the sampled
             answer is the exact one in either case.
@@ -87,10 +92,13 @@ def critical_delay_answer(
     exact = critical_delays(system, max_delay)
     result = exact if pade_order is None else pade_critical_delays(system, pade_order, max_delay)
     first = result.first
+    beside = {} if pade_order is None else _beside_exact(result, exact)
     after = result.unstable_without_delay + 2 * np.cumsum([c.direction for c in result.crossings])
     return {
         "critical_delay_s": result.critical_delay,
-        "critical_delay_sampled_s": sampled_critical_delay(system, exact, period, progress),
+        "critical_delay_sampled_s": None
+        if period is None
+        else sampled_critical_delay(system, exact, period, progress),
         "control_period_s": period,
         "frequency_hz": None if first is None else first.frequency_hz,
         "mode": None if first is None else _name(vehicle, first.mode),
@@ -98,7 +106,7 @@ def critical_delay_answer(
             {
                 "delay_s": c.delay,
                 "frequency_hz": c.frequency_hz,
-                "direction": "unstable" if c.direction > 0 else "stable",
+                "direction": _DIRECTIONS[c.direction],
                 "mode": _name(vehicle, c.mode),
                 "unstable_roots_after": int(after[index]),
             }
@@ -109,11 +117,30 @@ def critical_delay_answer(
         "max_delay_s": max_delay,
         "method": "exact" if pade_order is None else f"pade:{pade_order}",
         "proved": result.proved,
+        "marginal_roots": result.marginal,
+        "delay_independent": result.delay_independent,
+        "reason": result.reason,
+        **beside,
     }
 
 
-def root_answers(modes: list[Mode], vehicle: LateralVehicle) -> list[dict[str, Any]]:
-    """Return roots as plain values."""
+def _beside_exact(pade: CriticalDelays, exact: CriticalDelays) -> dict[str, Any]:
+    """Set the exact answer beside a Pade model's, and the order the rule of the paper asks for."""
+    error = None
+    if pade.critical_delay and exact.critical_delay:
+        error = pade.critical_delay / exact.critical_delay - 1.0
+    first = exact.first
+    return {
+        "exact_critical_delay_s": exact.critical_delay,
+        "relative_error": error,
+        "order_by_the_rule": None
+        if first is None
+        else required_order(first.delay, first.frequency_hz),
+    }
+
+
+def root_answers(modes: list[Mode], vehicle: LateralVehicle | None) -> list[dict[str, Any]]:
+    """Return roots as plain values; without a vehicle the modes have no name."""
     return [
         {
             "re": mode.root.real,
@@ -125,6 +152,17 @@ def root_answers(modes: list[Mode], vehicle: LateralVehicle) -> list[dict[str, A
         }
         for mode in modes
     ]
+
+
+def enclosed_root_answers(
+    found: EnclosedRoots, vehicle: LateralVehicle | None
+) -> list[dict[str, Any]]:
+    """Return enclosed roots as plain values, each with the radius of its ball [1/s]."""
+    answers: list[dict[str, Any]] = []
+    for root in found.roots:
+        plain = root_answers([root.mode], vehicle)[0]
+        answers += [{**plain, "radius": root.radius}] * root.multiplicity
+    return answers
 
 
 def root_locus(system: DelaySystem, vehicle: LateralVehicle) -> dict[str, Any]:
@@ -164,5 +202,5 @@ def root_locus(system: DelaySystem, vehicle: LateralVehicle) -> dict[str, Any]:
     return {"delay_s": delays, "modes": modes}
 
 
-def _name(vehicle: LateralVehicle, mode: Mode) -> str:
-    return mode_name(vehicle, mode.root, mode.shape)
+def _name(vehicle: LateralVehicle | None, mode: Mode) -> str | None:
+    return None if vehicle is None else mode_name(vehicle, mode.root, mode.shape)

@@ -41,7 +41,7 @@ def test_the_papers_question_is_answered_by_one_command(capsys) -> None:
     assert found["critical_delay_sampled_s"] == pytest.approx(0.19705, abs=1e-4)
     assert found["frequency_hz"] == pytest.approx(1.323, abs=0.002)
     assert found["mode"] == "upper centre roll"
-    assert found["proved"] is False
+    assert found["proved"] is True
     assert len(found["crossings"]) > 1
     assert {"delay_s", "frequency_hz", "direction"} <= set(found["crossings"][0])
 

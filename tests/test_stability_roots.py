@@ -14,6 +14,7 @@ from railenv.stability import (
     DelaySystem,
     count_unstable,
     critical_delays,
+    estimated_critical_delays,
     rightmost_roots,
 )
 from railenv.stability.spectrum import collocation_matrix
@@ -168,10 +169,20 @@ def test_two_rare_roots_of_one_place_are_both_listed(loop: DelaySystem) -> None:
     assert np.sum(np.abs(roots + 8.8e6 / 330e3) < 1e-6) == 2
 
 
-def test_a_free_motion_is_refused_and_not_counted() -> None:
+def test_a_free_motion_is_named_and_never_stable() -> None:
+    free = DelaySystem([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[0.0, 1.0]])
+    answer = critical_delays(free)
+    assert answer.proved
+    assert answer.marginal == 1  # s = 0; the other root is that of x' = -x(t - tau)
+    assert answer.critical_delay == 0.0
+    assert answer.stable_windows == ()
+    assert answer.crossings[0].delay == pytest.approx(np.pi / 2, rel=1e-14)
+
+
+def test_the_estimate_refuses_a_free_motion() -> None:
     free = DelaySystem([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[0.0, 1.0]])
     with pytest.raises(ArgumentError, match="imaginary axis"):
-        critical_delays(free)
+        estimated_critical_delays(free)
 
 
 def test_an_unstable_loop_without_delay_has_critical_delay_zero() -> None:
@@ -183,8 +194,9 @@ def test_a_delay_beyond_the_search_has_no_count() -> None:
         critical_delays(scalar(0.0, 1.0), 1.0).unstable_roots(1.5)
 
 
-def test_nothing_claims_to_be_proved(loop: DelaySystem) -> None:
-    assert critical_delays(loop).proved is False
+def test_only_the_exact_answer_claims_to_be_proved(loop: DelaySystem) -> None:
+    assert critical_delays(loop).proved is True
+    assert estimated_critical_delays(loop).proved is False
 
 
 @pytest.mark.parametrize("delay", [0.05, 0.1, 0.5, 1.0, 3.0, 10.0])

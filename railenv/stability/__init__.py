@@ -1,10 +1,16 @@
 """The stability oracle: how much delay does a linear feedback stand?
 
-Everything offered here so far is floating point to rounding accuracy and marked `proved = False`.
+`critical_delays` and `certify` prove their answers in exact and ball arithmetic; what is floating
+point to rounding accuracy is marked `proved = False`. Certificates are re-checked by
+`railenv.stability.verifier`.
 """
 
-from railenv.stability.crossings import CriticalDelays, Crossing, critical_delays
-from railenv.stability.delay_system import DelaySystem
+from railenv.stability.certificate import Certificate
+from railenv.stability.certify import certify
+from railenv.stability.critical_delay import critical_delays
+from railenv.stability.crossings import CriticalDelays, Crossing, estimated_critical_delays
+from railenv.stability.delay_system import DelaySystem, as_delay_system
+from railenv.stability.enclosed_roots import EnclosedRoot, EnclosedRoots, enclosed_roots
 from railenv.stability.modes import Mode, follow, modal_assurance
 from railenv.stability.pade import pade_critical_delays, pade_matrix, pade_roots, required_order
 from railenv.stability.sampled import (
@@ -15,12 +21,19 @@ from railenv.stability.sampled import (
 from railenv.stability.spectrum import count_unstable, rightmost_roots
 
 __all__ = [
+    "Certificate",
     "CriticalDelays",
     "Crossing",
     "DelaySystem",
+    "EnclosedRoot",
+    "EnclosedRoots",
     "Mode",
+    "as_delay_system",
+    "certify",
     "count_unstable",
     "critical_delays",
+    "enclosed_roots",
+    "estimated_critical_delays",
     "follow",
     "modal_assurance",
     "pade_critical_delays",

@@ -1,4 +1,7 @@
-"""All critical delays of a loop with one common delay: every crossing of the imaginary axis.
+"""Critical delays of a loop with one common delay, in floating point.
+
+The answer for loops that are too large for the proof (`railenv.stability.critical_delay`), and its
+independent check.
 
 A root s = j omega at delay tau satisfies M(j omega) v = 0 with z = exp(-j omega tau) on the unit
 circle. With V = v v^H this gives the matrix equation
@@ -16,8 +19,8 @@ direction that does not depend on the repetition (omega > 0 has its conjugate), 
 for every delay follows from the count without delay. All of this is floating point and not proved.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -59,7 +62,8 @@ class Crossing:
     Attributes:
         delay: Delay at which it happens [s].
         mode: The root j omega, omega > 0, with its shape.
-        direction: +1 if the pair turns unstable as the delay grows, -1 if it turns stable.
+        direction: +1 if the pair turns unstable as the delay grows, -1 if it turns stable, 0 if it
+            touches the axis and goes back.
         speed: ds/dtau there [1/s^2].
     """
 
@@ -82,21 +86,28 @@ class CriticalDelays:
         crossings: By rising delay.
         unstable_without_delay: Number of unstable roots at delay zero.
         max_delay: Longest delay searched [s].
-        proved: Whether the answer is a proof; it is not.
+        marginal: Number of roots that stay on the imaginary axis whatever the delay; with any, the
+            loop is never asymptotically stable.
+        proved: Whether the answer is a proof: no crossing is missing, none is wrong.
+        delay_independent: Whether it is proved that no root meets the axis for any delay at all.
+        reason: Why there is no proof.
     """
 
     crossings: tuple[Crossing, ...]
     unstable_without_delay: int
     max_delay: float
-    proved: bool = field(default=False, init=False)
+    marginal: int = 0
+    proved: bool = False
+    delay_independent: bool = False
+    reason: str = ""
 
     @property
     def critical_delay(self) -> float | None:
-        """Delay at which stability is first lost [s]; 0 if unstable without delay, None if never.
+        """Delay at which stability is first lost [s]; 0 if not stable without delay, None if never.
 
         None means: not up to `max_delay`.
         """
-        if self.unstable_without_delay > 0:
+        if self.unstable_without_delay > 0 or self.marginal > 0:
             return 0.0
         first = self.first
         return None if first is None else first.delay
@@ -104,9 +115,9 @@ class CriticalDelays:
     @property
     def first(self) -> Crossing | None:
         """The crossing at which stability is first lost, if the loop is stable without delay."""
-        if self.unstable_without_delay > 0:
+        if self.unstable_without_delay > 0 or self.marginal > 0:
             return None
-        return next((c for c in self.crossings if c.direction > 0), None)
+        return next((c for c in self.crossings if c.direction >= 0), None)
 
     def unstable_roots(self, delay: float) -> int:
         """Return the number of unstable roots at a delay that is no crossing, up to `max_delay`."""
@@ -121,6 +132,8 @@ class CriticalDelays:
     def stable_windows(self) -> tuple[tuple[float, float], ...]:
         """Open delay intervals without unstable roots, up to `max_delay` [s]."""
         windows: list[tuple[float, float]] = []
+        if self.marginal > 0:
+            return ()
         start, unstable = 0.0, self.unstable_without_delay
         for crossing in self.crossings:
             if unstable == 0 and crossing.delay > start:
@@ -131,7 +144,7 @@ class CriticalDelays:
         return tuple(windows)
 
 
-def critical_delays(system: DelaySystem, max_delay: float = 2.0) -> CriticalDelays:
+def estimated_critical_delays(system: DelaySystem, max_delay: float = 2.0) -> CriticalDelays:
     """Find every crossing of the imaginary axis for one common delay in (0, max_delay].
 
     A root on the imaginary axis without delay counts by where the first bit of delay moves it.
@@ -147,15 +160,11 @@ def critical_delays(system: DelaySystem, max_delay: float = 2.0) -> CriticalDela
         ArgumentError: `max_delay` is not above zero or holds more than `MOST_CROSSINGS` crossings,
             or a root stays on the imaginary axis whatever the delay, so that no count exists.
     """
+    system.require_retarded("estimated_critical_delays")
     longest = check_positive("max_delay", max_delay, "seconds")
     unstable = _unstable_without_delay(system)
     basic = _basic_crossings(system)
-    number = sum(longest * omega / (2 * np.pi) for omega, *_ in basic)
-    if number > MOST_CROSSINGS:
-        raise ArgumentError(
-            f"max_delay = {longest:g} s holds about {number:.0f} crossings, more than "
-            f"{MOST_CROSSINGS}; give a shorter one"
-        )
+    refuse_too_many([omega for omega, *_ in basic], longest)
     found = [
         Crossing(tau, mode, direction, speed)
         for omega, first, direction, speed, mode in basic
@@ -163,6 +172,16 @@ def critical_delays(system: DelaySystem, max_delay: float = 2.0) -> CriticalDela
     ]
     found.sort(key=lambda c: c.delay)
     return CriticalDelays(tuple(found), unstable, longest)
+
+
+def refuse_too_many(frequencies: Sequence[float], longest: float) -> None:
+    """Raise `ArgumentError` if crossings at these frequencies repeat too often to be listed."""
+    number = sum(longest * omega / (2 * np.pi) for omega in frequencies)
+    if number > MOST_CROSSINGS:
+        raise ArgumentError(
+            f"max_delay = {longest:g} s holds about {number:.0f} crossings, more than "
+            f"{MOST_CROSSINGS}; give a shorter one"
+        )
 
 
 def _unstable_without_delay(system: DelaySystem) -> int:
@@ -177,7 +196,7 @@ def _unstable_without_delay(system: DelaySystem) -> int:
         if root.imag < 0.0 or any(abs(s - p) <= _SAME * abs(s) for p in places):
             continue  # with its conjugate, or with the others of a multiple root
         places.append(s)
-        for speed, _ in _speeds(scaled, s.imag, 0.0):
+        for speed, _ in crossing_speeds(scaled, s.imag, 0.0):
             if abs(speed.real) <= _TANGENT * max(abs(speed), abs(s) ** 2):
                 raise ArgumentError(
                     f"the loop has a root s = {s.imag:.4g}j on the imaginary axis that a small "
@@ -244,7 +263,7 @@ def _basic_crossings(
             tau = tau % (2 * np.pi / omega)
             if any(abs(omega - o) <= _SAME * o and abs(tau - t) * o <= _SAME for o, t, *_ in found):
                 continue
-            for speed, vector in _speeds(scaled, omega, tau):
+            for speed, vector in crossing_speeds(scaled, omega, tau):
                 touches = abs(speed.real) <= _TANGENT * abs(speed)
                 direction = 0 if touches else int(np.sign(speed.real))
                 mode = Mode(1j * omega, normalised(vector * system.state_scale))
@@ -252,7 +271,9 @@ def _basic_crossings(
     return [item for item in found if item[2] != 0]
 
 
-def _speeds(system: DelaySystem, omega: float, tau: float) -> list[tuple[complex, ComplexArray]]:
+def crossing_speeds(
+    system: DelaySystem, omega: float, tau: float
+) -> list[tuple[complex, ComplexArray]]:
     """Return ds/dtau and the shape of every root that passes through j omega at this delay.
 
     A semisimple k-fold root (identical loops side by side) leaves in k directions: with U, V the

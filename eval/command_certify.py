@@ -1,0 +1,146 @@
+"""`railenv certify`: a proof of stability or instability, saved and re-checked."""
+
+import argparse
+from typing import Any
+
+from eval.arguments import (
+    parse_delay_box,
+    parse_number,
+    parse_output,
+    parse_whole,
+    print_json,
+    progress_bar,
+)
+from eval.command_stability import is_typed, parse_linear_loop
+from railenv.errors import ArgumentError, RailenvError
+from railenv.stability import Certificate, certify
+from railenv.stability.verifier import verify_certificate
+
+EXIT_OF = {"STABLE": 0, "UNSTABLE": 3, "UNDECIDED": 4}
+"""Exit status of each verdict."""
+
+
+def command_certify(options: argparse.Namespace) -> int:
+    """Prove a loop stable or unstable, or re-check a saved certificate."""
+    if options.verify is not None:
+        return _verify(options)
+    if options.delay is None:
+        raise ArgumentError(
+            "--delay is missing: give 0.19, an interval 0:0.19, or one of either per channel with "
+            "commas; or --verify FILE"
+        )
+    if options.controller is None and options.system is None:
+        raise ArgumentError("give the loop: --controller SPEC or --system FILE.npz")
+    path = parse_output(options.save, (".json",))
+    delay = parse_delay_box(options.delay)
+    system, vehicle = parse_linear_loop(options)
+    settings: dict[str, Any] = {}
+    for name in ("decay_rate", "damping_ratio", "max_frequency_hz", "jitter"):
+        text = getattr(options, name)
+        if text is not None:
+            settings[name] = parse_number(name, text)
+    if options.common_jitter:
+        settings["common_jitter"] = True
+    if options.max_tests is not None:
+        settings["most_tests"] = parse_whole("max_tests", options.max_tests)
+    if is_typed(options, "control_period"):
+        settings["control_period"] = parse_number("control_period", options.control_period)
+    with progress_bar(options, None, "step") as bar:
+
+        def tell(place: float) -> None:
+            bar.set_postfix_str(f"at {place:.4g}", refresh=False)
+            bar.update()
+
+        certificate = certify(system, delay, progress=tell, **settings)
+    if path is not None:
+        certificate.save(path)
+    if options.json:
+        print_json(_plain(certificate, options.save))
+    else:
+        name = options.system if vehicle is None else options.controller
+        train = (
+            ""
+            if vehicle is None
+            else f", layout {vehicle.layout}, {options.speed_kmh} km/h, {options.vehicle}"
+        )
+        _print(f"{name}{train}", certificate, options)
+    return EXIT_OF[certificate.verdict]
+
+
+def _plain(certificate: Certificate, saved: str | None) -> dict[str, Any]:
+    return {
+        "verdict": certificate.verdict,
+        "unstable_roots": certificate.unstable_roots,
+        "seconds": certificate.seconds,
+        "reason": certificate.reason,
+        "claim": certificate.claim,
+        "method": certificate.evidence.get("method"),
+        "saved": saved,
+    }
+
+
+def _print(title: str, certificate: Certificate, options: argparse.Namespace) -> None:
+    print(title)
+    print(f"  {certificate.verdict}: {claim_text(certificate.claim)}")
+    if certificate.reason:
+        print(f"  {certificate.reason}")
+    word = "proved" if certificate.proved else "tried for"
+    saved = f"; saved to {options.save}" if options.save else ""
+    print(f"  {word} {'in ' if certificate.proved else ''}{certificate.seconds:.2f} s{saved}")
+
+
+def claim_text(claim: dict[str, Any]) -> str:
+    """Return the question of a certificate in words."""
+    low, high = claim["low"], claim["high"]
+    if claim["low"] == claim["high"]:
+        shown = ", ".join(f"{1000 * tau:.6g}" for tau in low)
+        text = f"delay {shown} ms"
+    elif len(low) == 1:
+        text = f"every constant delay from {1000 * low[0]:.6g} to {1000 * high[0]:.6g} ms"
+    else:
+        parts = [f"{1000 * a:.6g} to {1000 * b:.6g}" for a, b in zip(low, high, strict=True)]
+        text = f"every combination of independent delays in {', '.join(parts)} ms"
+    region = claim.get("region") or {}
+    if region.get("damping_ratio") is not None:
+        text += (
+            f", damping ratio at least {region['damping_ratio']:g} "
+            f"up to {region['max_frequency_hz']:g} Hz"
+        )
+    elif region.get("decay_rate"):
+        text += f", decay rate {region['decay_rate']:g} 1/s"
+    if claim.get("jitter"):
+        text += f", varying in time by up to {1000 * claim['jitter']:g} ms more"
+    if claim.get("period"):
+        text += f", control period {1000 * claim['period']:g} ms"
+    return text
+
+
+def _verify(options: argparse.Namespace) -> int:
+    """Re-check a certificate; with a loop beside it, that it is about this very loop."""
+    meant = None
+    if options.controller is not None or options.system is not None:
+        meant, _ = parse_linear_loop(options)
+    result = (
+        verify_certificate(options.verify)
+        if meant is None
+        else verify_certificate(options.verify, meant)
+    )
+    certificate = result.certificate
+    if options.json:
+        print_json(
+            {
+                "accepted": result.accepted,
+                "reasons": list(result.reasons),
+                "verdict": certificate["verdict"] if result.accepted else None,
+                "unstable_roots": certificate["unstable_roots"] if result.accepted else None,
+                "claim": certificate["claim"] if result.accepted else None,
+            }
+        )
+    if not result.accepted:
+        raise RailenvError(f"{options.verify} is rejected: {'; '.join(result.reasons)}")
+    if not options.json:
+        print(f"{options.verify}: accepted")
+        print(f"  {certificate['verdict']}: {claim_text(certificate['claim'])}")
+        if certificate["reason"]:
+            print(f"  {certificate['reason']}")
+    return 0

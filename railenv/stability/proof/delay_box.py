@@ -1,0 +1,306 @@
+"""Proofs for constant delays: at a point, in an interval, in a box of independent delays.
+
+STABLE: the number of roots in the region is proved to be zero at the middle of the box, and no root
+passes the region's edge for any delays of the box. UNSTABLE: the number is proved to be above zero
+at one point of the box (floating point only proposes which).
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flint import arb
+
+from railenv.errors import ArgumentError
+from railenv.stability.delay_system import DelaySystem
+from railenv.stability.proof.axis_crossings import proved_crossings
+from railenv.stability.proof.characteristic import Characteristic, characteristic
+from railenv.stability.proof.contour import Box, Quasipolynomial, delay_ball
+from railenv.stability.proof.counting import Contour, Effort, count, cover, exclude
+from railenv.stability.proof.polynomials import UndecidedError
+from railenv.stability.proof.precision import precision
+from railenv.stability.proof.region import Region
+from railenv.stability.spectrum import rightmost_roots
+
+_FIRST_BITS = 128
+_MOST_BITS = 4096
+# Pieces of one contour; the vehicle's has some 250.
+_MOST_PIECES = 40_000
+# Corners of a box that are looked at before the proof is tried.
+_MOST_CORNERS = 32
+# Next to a crossing or a touch the exclusion becomes long; the list of crossings then is the proof.
+_TESTS_BEFORE_CROSSINGS = 5_000
+_LOOKED_AT = 8
+"""Roots that floating point looks at to propose an unstable delay."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What came out.
+
+    Attributes:
+        verdict: "STABLE", "UNSTABLE" or "UNDECIDED".
+        roots: Number of roots in the region; None if not known.
+        reason: Why undecided, or where unstable.
+        evidence: What re-checking needs.
+    """
+
+    verdict: str
+    roots: int | None
+    reason: str
+    evidence: dict[str, Any]
+
+
+class _WitnessError(Exception):
+    """A box in which floating point sees roots in the region."""
+
+    def __init__(self, delays: tuple[float, ...]) -> None:
+        super().__init__(delays)
+        self.delays = delays
+
+
+@dataclass(frozen=True, eq=False)
+class _Loop:
+    system: DelaySystem
+    h: Characteristic
+    region: Region
+
+    def channel_delays(self, delays: Sequence[float]) -> list[float]:
+        """Spread one delay per group over the channels."""
+        values = [0.0] * self.system.num_channels
+        for group, tau in zip(self.h.groups, delays, strict=True):
+            for channel in group:
+                values[channel] = float(tau)
+        return values
+
+    def seems_unstable(self, delays: Sequence[float]) -> bool:
+        """Whether floating point sees a root in the region; False also if it cannot tell."""
+        if self.system.neutral:
+            return False
+        try:
+            found = rightmost_roots(self.system, self.channel_delays(delays), _LOOKED_AT)
+        except (ArgumentError, ArithmeticError, ValueError):
+            return False
+        return any(self.region.contains(mode) for mode in found)
+
+
+def prove_box(
+    system: DelaySystem,
+    groups: Sequence[Sequence[int]],
+    box: Box,
+    region: Region,
+    most_tests: int,
+    progress: Callable[[float], None] | None = None,
+) -> Proof:
+    """Decide whether the region is free of roots for all constant delays of a box.
+
+    Args:
+        system: The loop.
+        groups: Channels that share one delay each.
+        box: One interval of delays per group [s].
+        region: Where no root may be.
+        most_tests: Tests the exclusion may take before it is given up.
+        progress: Called with the place on the contour that has been reached.
+    """
+    loop = _Loop(system, characteristic(system, groups), region)
+    try:
+        witness = _proposed_witness(loop, box)
+        if witness is None:
+            return _stable(loop, box, most_tests, progress)
+    except _WitnessError as found:
+        witness = found.delays
+    except UndecidedError as error:
+        return Proof("UNDECIDED", None, str(error), {})
+    return _unstable(loop, witness)
+
+
+def _proposed_witness(loop: _Loop, box: Box) -> tuple[float, ...] | None:
+    """Propose delays of the box at which a root lies in the region."""
+    if len(box.low) == 1 and not box.is_point and loop.region == Region():
+        return _in_unstable_window(loop, box)
+    corners: list[tuple[float, ...]] = [box.centre]
+    if not box.is_point:
+        ends = itertools.product(*zip(box.low, box.high, strict=True))
+        corners += itertools.islice(ends, _MOST_CORNERS)
+        corners.append(box.high)
+    return next((corner for corner in corners if loop.seems_unstable(corner)), None)
+
+
+def _in_unstable_window(loop: _Loop, box: Box) -> tuple[float, ...] | None:
+    """Look through the exact crossings; the widest unstable part of the interval is proposed."""
+    low, high = box.low[0], box.high[0]
+    try:
+        found = proved_crossings(loop.h)
+    except UndecidedError:
+        return next((d for d in (box.centre, box.low, box.high) if loop.seems_unstable(d)), None)
+    events: list[tuple[float, int]] = []
+    unstable = found.unstable_without_delay
+    unit = float(loop.h.unit.p) / float(loop.h.unit.q)
+    turn = 2 * math.pi
+    for crossing in found.crossings:
+        omega, phase = float(crossing.frequency.mid()) / unit, float(crossing.phase.mid())
+        first = phase / omega
+        number = int(max(0.0, (high - first) * omega / turn)) + 1
+        if number > _MOST_PIECES:
+            return None
+        for k in range(number):
+            tau = (phase + turn * k) / omega
+            if tau > high:
+                continue
+            if tau <= low:
+                unstable += 2 * crossing.direction * crossing.multiplicity
+            else:
+                events.append((tau, 2 * crossing.direction * crossing.multiplicity))
+    widest, start = (0.0, 0.0), low
+    for tau, change in [*sorted(events), (high, 0)]:
+        if unstable > 0:
+            widest = max(widest, (tau - start, (tau + start) / 2))
+        start, unstable = tau, unstable + change
+    if widest[0] > 0.0:
+        return (widest[1],)
+    if found.marginal:
+        raise UndecidedError(
+            f"{found.marginal} root(s) stay on the imaginary axis whatever the delay: the loop is "
+            "never asymptotically stable"
+        )
+    return None
+
+
+def _stable(
+    loop: _Loop, box: Box, most_tests: int, progress: Callable[[float], None] | None
+) -> Proof:
+    """Count at the middle, then exclude the contour for the whole box."""
+    number, evidence, (h, contour, pieces) = _counted(loop, box.centre, box.high)
+    if number:
+        return _found(loop, box.centre, number, evidence)
+    if not box.is_point:
+        calls = itertools.count(1)
+
+        def suspect(part: Box) -> None:
+            # At the first, second, fourth, ... call only: looking costs more than a test.
+            if (next(calls)).bit_count() == 1 and loop.seems_unstable(part.centre):
+                raise _WitnessError(part.centre)
+
+        common = len(box.low) == 1 and loop.region == Region()
+        allowed = min(most_tests, _TESTS_BEFORE_CROSSINGS) if common else most_tests
+        with precision(int(evidence["bits"])):
+            effort = Effort(allowed, progress=progress)
+            try:
+                evidence["cuts"] = exclude(h, contour, pieces, box, loop.h.unit, effort, suspect)
+            except UndecidedError:
+                if not (common and _no_crossing_in(loop, box)):
+                    raise
+                evidence["method"] = "crossings"
+    return Proof("STABLE", 0, "", evidence)
+
+
+def _no_crossing_in(loop: _Loop, box: Box) -> bool:
+    """Whether the list of all crossings proves that none is at a delay of an interval."""
+    found = proved_crossings(loop.h)
+    with precision(_MOST_BITS):
+        low, high = (delay_ball(tau, loop.h.unit) for tau in (box.low[0], box.high[0]))
+        for crossing in found.crossings:
+            turn = 2 * arb.pi()
+            first = ((low * crossing.frequency - crossing.phase) / turn).ceil()
+            last = ((high * crossing.frequency - crossing.phase) / turn).floor()
+            if not first > last:
+                return False
+    return not found.marginal
+
+
+def _unstable(loop: _Loop, delays: tuple[float, ...]) -> Proof:
+    """Prove that there are roots in the region at these delays."""
+    try:
+        number, evidence, _ = _counted(loop, delays, delays)
+    except UndecidedError as error:
+        shifted = _right_of_the_axis(loop, delays)
+        if shifted is None:
+            return Proof("UNDECIDED", None, str(error), {})
+        loop, number, evidence = shifted
+    if number == 0:
+        return Proof(
+            "UNDECIDED",
+            None,
+            f"estimates see a root in the region at delay {_said(delays)}, the count does not",
+            {},
+        )
+    return _found(loop, delays, number, evidence)
+
+
+def _right_of_the_axis(
+    loop: _Loop, delays: tuple[float, ...]
+) -> tuple[_Loop, int, dict[str, Any]] | None:
+    """Count to the right of a line half-way to the rightmost root, past others on the contour."""
+    if loop.region.damping_ratio is not None:
+        return None
+    rightmost = rightmost_roots(loop.system, loop.channel_delays(delays), 1)[0].root.real
+    edge = (rightmost - loop.region.decay_rate) / 2
+    if not edge > -loop.region.decay_rate:
+        return None
+    smaller = _Loop(loop.system, loop.h, Region(decay_rate=-edge))
+    try:
+        number, evidence, _ = _counted(smaller, delays, delays)
+    except UndecidedError:
+        return None
+    return smaller, number, evidence
+
+
+def _found(loop: _Loop, delays: tuple[float, ...], number: int, evidence: dict[str, Any]) -> Proof:
+    roots = f"{number} root{'s' if number > 1 else ''}"
+    edge = -loop.region.decay_rate
+    where = f" to the right of {edge:.3g} 1/s" if edge > 0.0 else ""
+    return Proof("UNSTABLE", number, f"{roots}{where} at delay {_said(delays)}", evidence)
+
+
+def _said(delays: Sequence[float]) -> str:
+    shown = ", ".join(f"{tau:.6g}" for tau in delays)
+    return f"({shown}) s" if len(delays) != 1 else f"{shown} s"
+
+
+_Counted = tuple[int, dict[str, Any], tuple[Quasipolynomial, Contour, list[list[float]]]]
+
+
+def _counted(loop: _Loop, delays: Sequence[float], longest: Sequence[float]) -> _Counted:
+    """Count the roots in the region at one point; the evidence is the cut of the contour."""
+    _refuse_marginal(loop)
+    bits = max(_FIRST_BITS, 4 * loop.h.degree)
+    while True:
+        try:
+            with precision(bits):
+                return _counted_once(loop, delays, longest, bits)
+        except UndecidedError:
+            if bits >= _MOST_BITS:
+                raise
+        bits *= 4
+
+
+def _counted_once(
+    loop: _Loop, delays: Sequence[float], longest: Sequence[float], bits: int
+) -> _Counted:
+    unit = loop.h.unit
+    h = Quasipolynomial.of(loop.h)
+    contour = loop.region.contour(
+        h, loop.h.degree, unit, [delay_ball(tau, unit) for tau in longest]
+    )
+    balls = [delay_ball(tau, unit) for tau in delays]
+    pieces = cover(h, contour, balls, Effort(_MOST_PIECES), unit)
+    number = count(h, contour, pieces, balls)
+    evidence: dict[str, Any] = {
+        "method": "contour",
+        "bits": bits,
+        "unit": float(unit.p) / float(unit.q),
+        "region": loop.region.to_plain(),
+        "delays": [float(tau) for tau in delays],
+        "pieces": pieces,
+    }
+    return number, evidence, (h, contour, pieces)
+
+
+def _refuse_marginal(loop: _Loop) -> None:
+    """Name the one case that no contour can get around: a root at s = 0 for every delay."""
+    if loop.region.decay_rate == 0.0 and loop.h.without_delay[0] == 0:
+        raise UndecidedError(
+            "a root stays at s = 0 whatever the delay: the loop is never asymptotically stable"
+        )
