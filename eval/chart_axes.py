@@ -43,23 +43,31 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False)
-class ChartLoop:
-    """Builds the loop of a point; goes to worker processes, so it holds plain values only."""
+class VariedLoop:
+    """Builds the loop at given values of its axes; holds plain values, to go to worker processes.
+
+    Attributes:
+        controller: SPEC.
+        layout: "passive", "2" or "4".
+        vehicle: Name of the vehicle.
+        speed_kmh: Speed unless it is an axis [km/h].
+        actuator_lag: Lag unless it is an axis [s].
+        axes: What varies.
+    """
 
     controller: str
     layout: str
     vehicle: str
     speed_kmh: float
     actuator_lag: float
-    x: Axis
-    y: Axis
+    axes: tuple[Axis, ...]
 
-    def __call__(self, x: float, y: float) -> DelaySystem:
-        """Return the loop at one point."""
+    def __call__(self, *values: float) -> DelaySystem:
+        """Return the loop at one value per axis."""
         spec, speed, lag = self.controller, self.speed_kmh, self.actuator_lag
         parameters = get_vehicle(self.vehicle).parameters
         changes: dict[str, float] = {}
-        for axis, value in ((self.x, x), (self.y, y)):
+        for axis, value in zip(self.axes, values, strict=True):
             if axis.kind == "speed_kmh":
                 speed = value
             elif axis.kind == "actuator_lag":
@@ -76,34 +84,47 @@ class ChartLoop:
         return delay_system(controller, vehicle, ActuatorSpec(lag=lag))
 
 
-def parse_chart(options: argparse.Namespace) -> ChartLoop:
+def parse_chart(options: argparse.Namespace) -> VariedLoop:
     """Return what builds the chart's loops.
 
     Raises:
         ArgumentError: An axis or the loop is not usable.
     """
-    x, y = (_axis(getattr(options, end), options) for end in "xy")
-    if set(x.targets) & set(y.targets):
-        both = ", ".join(sorted(set(x.targets) & set(y.targets)))
-        raise ArgumentError(f"x = {x.name!r} and y = {y.name!r} both change {both}; choose another")
+    x, y = (parse_axis(getattr(options, end), options) for end in "xy")
     number = len(x.values) * len(y.values)
     if number > MOST_POINTS:
         raise ArgumentError(
             f"the chart has {number} points, more than {MOST_POINTS}; give fewer per axis"
         )
+    return varied_loop(options, (x, y))
+
+
+def varied_loop(options: argparse.Namespace, axes: tuple[Axis, ...]) -> VariedLoop:
+    """Return what builds the loops over some axes.
+
+    Raises:
+        ArgumentError: Two axes change the same, or the loop is not usable.
+    """
+    for k, axis in enumerate(axes):
+        for other in axes[:k]:
+            both = ", ".join(sorted(set(axis.targets) & set(other.targets)))
+            if both:
+                raise ArgumentError(
+                    f"{other.name!r} and {axis.name!r} both change {both}; choose another"
+                )
     controller = make_controller(options.controller, options.layout)
     if not hasattr(controller, "to_delay_system"):
         raise ArgumentError(
-            f"controller {options.controller!r} is not linear (it has no to_delay_system); a chart "
-            "needs a linear one: choose another"
+            f"controller {options.controller!r} is not linear (it has no to_delay_system); choose "
+            "a linear one"
         )
     speed = check_positive("speed_kmh", parse_number("speed_kmh", options.speed_kmh), "km/h")
     lag = ActuatorSpec(lag=parse_number("actuator_lag", options.actuator_lag)).lag
     layout = str(getattr(controller, "layout", options.layout))
-    return ChartLoop(options.controller, layout, options.vehicle, speed, lag, x, y)
+    return VariedLoop(options.controller, layout, options.vehicle, speed, lag, axes)
 
 
-def _axis(text: str, options: argparse.Namespace) -> Axis:
+def parse_axis(text: str, options: argparse.Namespace) -> Axis:
     """Return the axis that a text names."""
     name, equals, numbers = text.partition("=")
     if not equals or not name:

@@ -141,6 +141,12 @@ def _parser() -> argparse.ArgumentParser:
     critical.add_argument("--method", default="exact", help="exact, pade:N or simulation (exact)")
     critical.add_argument("--max-delay", default="2", help="longest delay searched [s] (2)")
 
+    critical.add_argument(
+        "--prove-sampled",
+        action="store_true",
+        help="prove the sampled critical delay too, between two delays (some seconds)",
+    )
+
     roots = commands.add_parser("roots", help="rightmost characteristic roots at one delay")
     _loop(roots, own=True)
     roots.add_argument("--delay", required=True, help="delay [s], or one per channel: 0.1,0.1")
@@ -188,6 +194,7 @@ def _certify(parser: argparse.ArgumentParser) -> None:
     for option, text in (
         ("--delay", "delay [s]: 0.19, every one in 0:0.19, or either per channel: 0:0.1,..."),
         ("--jitter", "delays that vary in time by up to this much more [s]"),
+        ("--told-error", "largest error of the delay a scheduled sampled law is told [s]"),
         ("--decay-rate", "ask for roots left of its negative [1/s] (0)"),
         ("--damping-ratio", "ask for this damping ratio up to --max-frequency-hz [1]"),
         ("--max-frequency-hz", "highest damped frequency of that rule [Hz]"),
@@ -196,6 +203,12 @@ def _certify(parser: argparse.ArgumentParser) -> None:
         ("--verify", "re-check this certificate; with a loop given, that it is about it"),
     ):
         parser.add_argument(option, help=text)
+    parser.add_argument(
+        "--vary",
+        action="append",
+        metavar="NAME=LOW:HIGH",
+        help="prove it for a family: speed_kmh, conicity, carbody_mass*, a setting; repeat",
+    )
     parser.add_argument(
         "--common-jitter", action="store_true", help="all channels share the varying delay"
     )

@@ -3,18 +3,23 @@
 import argparse
 from typing import Any
 
+from baselines.controller import users_own_code
 from eval.arguments import (
     parse_delay_box,
+    parse_loop,
     parse_number,
     parse_output,
+    parse_stepping,
     parse_whole,
     print_json,
     progress_bar,
 )
 from eval.command_stability import is_typed, parse_linear_loop
+from eval.families import parse_family
 from railenv.errors import ArgumentError, RailenvError
-from railenv.stability import Certificate, certify
+from railenv.stability import Certificate, SampledLoop, certify
 from railenv.stability.verifier import verify_certificate
+from railenv.vehicle import LateralVehicle
 
 EXIT_OF = {"STABLE": 0, "UNSTABLE": 3, "UNDECIDED": 4}
 """Exit status of each verdict."""
@@ -33,9 +38,9 @@ def command_certify(options: argparse.Namespace) -> int:
         raise ArgumentError("give the loop: --controller SPEC or --system FILE.npz")
     path = parse_output(options.save, (".json",))
     delay = parse_delay_box(options.delay)
-    system, vehicle = parse_linear_loop(options)
+    loop, title = _loop(options)
     settings: dict[str, Any] = {}
-    for name in ("decay_rate", "damping_ratio", "max_frequency_hz", "jitter"):
+    for name in ("decay_rate", "damping_ratio", "max_frequency_hz", "jitter", "told_error"):
         text = getattr(options, name)
         if text is not None:
             settings[name] = parse_number(name, text)
@@ -43,28 +48,46 @@ def command_certify(options: argparse.Namespace) -> int:
         settings["common_jitter"] = True
     if options.max_tests is not None:
         settings["most_tests"] = parse_whole("max_tests", options.max_tests)
-    if is_typed(options, "control_period"):
+    if is_typed(options, "control_period") and not isinstance(loop, SampledLoop):
         settings["control_period"] = parse_number("control_period", options.control_period)
-    with progress_bar(options, None, "step") as bar:
+    with progress_bar(options, 100, "%") as bar:
 
-        def tell(place: float) -> None:
-            bar.set_postfix_str(f"at {place:.4g}", refresh=False)
-            bar.update()
+        def tell(share: float) -> None:
+            bar.update(100.0 * share - bar.n)
 
-        certificate = certify(system, delay, progress=tell, **settings)
+        certificate = certify(loop, delay, progress=tell, **settings)
     if path is not None:
         certificate.save(path)
     if options.json:
         print_json(_plain(certificate, options.save))
     else:
-        name = options.system if vehicle is None else options.controller
-        train = (
-            ""
-            if vehicle is None
-            else f", layout {vehicle.layout}, {options.speed_kmh} km/h, {options.vehicle}"
-        )
-        _print(f"{name}{train}", certificate, options)
+        _print(title, certificate, options)
     return EXIT_OF[certificate.verdict]
+
+
+def _loop(options: argparse.Namespace) -> tuple[Any, str]:
+    """Return the loop, the family of loops or the sampled loop that is meant, and its title."""
+    if options.vary:
+        if options.controller is None:
+            raise ArgumentError("--vary varies a vehicle; give --controller instead of --system")
+        varied = ", ".join(options.vary)
+        return parse_family(options), f"{options.controller}, {options.vehicle}, {varied}"
+    if options.controller is not None and is_typed(options, "control_period"):
+        controller, vehicle = parse_loop(options)
+        convert = getattr(controller, "to_sampled_loop", None)
+        if convert is not None:
+            period = parse_stepping(options).control_period
+            with users_own_code("the controller's to_sampled_loop"):
+                return convert(vehicle, period), _title(options, vehicle)
+    system, vehicle = parse_linear_loop(options)
+    return system, _title(options, vehicle)
+
+
+def _title(options: argparse.Namespace, vehicle: LateralVehicle | None) -> str:
+    if vehicle is None:
+        return str(options.system)
+    train = f"layout {vehicle.layout}, {options.speed_kmh} km/h, {options.vehicle}"
+    return f"{options.controller}, {train}"
 
 
 def _plain(certificate: Certificate, saved: str | None) -> dict[str, Any]:
@@ -91,28 +114,40 @@ def _print(title: str, certificate: Certificate, options: argparse.Namespace) ->
 
 def claim_text(claim: dict[str, Any]) -> str:
     """Return the question of a certificate in words."""
-    low, high = claim["low"], claim["high"]
-    if claim["low"] == claim["high"]:
-        shown = ", ".join(f"{1000 * tau:.6g}" for tau in low)
+    if claim["kind"] == "jitter":
+        low = high = claim["delays"]
+    else:
+        low, high = (_listed(claim[end]) for end in ("low", "high"))
+    if low == high:
+        shown = ", ".join(f"{1000 * tau:.6g}" for tau in dict.fromkeys(low))
         text = f"delay {shown} ms"
-    elif len(low) == 1:
+    elif len(low) == 1 or claim["kind"] == "sampled":
         text = f"every constant delay from {1000 * low[0]:.6g} to {1000 * high[0]:.6g} ms"
     else:
         parts = [f"{1000 * a:.6g} to {1000 * b:.6g}" for a, b in zip(low, high, strict=True)]
         text = f"every combination of independent delays in {', '.join(parts)} ms"
-    region = claim.get("region") or {}
-    if region.get("damping_ratio") is not None:
+    region = claim.get("region") or {"decay_rate": claim.get("decay_rate"), "damping_ratio": None}
+    if region["damping_ratio"] is not None:
         text += (
             f", damping ratio at least {region['damping_ratio']:g} "
             f"up to {region['max_frequency_hz']:g} Hz"
         )
-    elif region.get("decay_rate"):
+    elif region["decay_rate"]:
         text += f", decay rate {region['decay_rate']:g} 1/s"
-    if claim.get("jitter"):
-        text += f", varying in time by up to {1000 * claim['jitter']:g} ms more"
-    if claim.get("period"):
-        text += f", control period {1000 * claim['period']:g} ms"
+    if claim["kind"] == "uncertain":
+        text += ", every member of the family"
+    if claim["kind"] == "jitter":
+        who = "all channels together" if claim["common"] else "each channel by itself"
+        text += f" and up to {1000 * claim['jitter']:.6g} ms more, varying in time, {who}"
+    if claim["kind"] == "sampled":
+        text += f", sampled every {1000 * claim['period']:g} ms"
+        if claim["told_error"]:
+            text += f", told with an error of up to {1000 * claim['told_error']:g} ms"
     return text
+
+
+def _listed(value: Any) -> list[float]:
+    return list(value) if isinstance(value, list | tuple) else [value]
 
 
 def _verify(options: argparse.Namespace) -> int:

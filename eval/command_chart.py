@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from eval.arguments import parse_number, parse_output, parse_whole, print_json, progress_bar
-from eval.chart_axes import ChartLoop, parse_chart
+from eval.chart_axes import VariedLoop, parse_chart
 from eval.chart_plot import check_drawing, plot_chart
 from railenv.errors import ArgumentError, check_count, check_positive
 from railenv.stability.chart import StabilityChart, stability_chart
@@ -27,15 +27,15 @@ def command_chart(options: argparse.Namespace) -> None:
     out = parse_output(options.out, (".npz",))
     if plot is not None:
         check_drawing()
-    number = len(loop.x.values) * len(loop.y.values)
+    number = len(loop.axes[0].values) * len(loop.axes[1].values)
     started = time.perf_counter()
     with progress_bar(options, number, "point") as bar:
         chart = stability_chart(
             loop,
-            loop.x.name,
-            loop.x.values,
-            loop.y.name,
-            loop.y.values,
+            loop.axes[0].name,
+            loop.axes[0].values,
+            loop.axes[1].name,
+            loop.axes[1].values,
             max_delay=longest,
             jobs=jobs,
             progress=lambda *_: bar.update(),
@@ -51,7 +51,7 @@ def command_chart(options: argparse.Namespace) -> None:
         chart.save(out, settings)
     title = _title(loop)
     if plot is not None:
-        plot_chart(chart, plot, loop.x.text, loop.y.text, title)
+        plot_chart(chart, plot, loop.axes[0].text, loop.axes[1].text, title)
     if options.json:
         print_json({**_record(chart), "settings": settings, "seconds": seconds})
         return
@@ -66,9 +66,9 @@ def command_chart(options: argparse.Namespace) -> None:
             print(f"  written: {path}")
 
 
-def _title(loop: ChartLoop) -> str:
+def _title(loop: VariedLoop) -> str:
     parts = [f"Critical delay of {loop.controller}", f"layout {loop.layout}", loop.vehicle]
-    axes = (loop.x.kind, loop.y.kind)
+    axes = (loop.axes[0].kind, loop.axes[1].kind)
     if "speed_kmh" not in axes:
         parts.append(f"{loop.speed_kmh:g} km/h")
     if "actuator_lag" not in axes and loop.actuator_lag > 0.0:
@@ -107,7 +107,7 @@ def _reasons(chart: StabilityChart, reasons: dict[tuple[int, int], str]) -> list
     return lines
 
 
-def _settings(options: argparse.Namespace, loop: ChartLoop) -> dict[str, Any]:
+def _settings(options: argparse.Namespace, loop: VariedLoop) -> dict[str, Any]:
     return {
         "controller": loop.controller,
         "layout": loop.layout,
@@ -148,7 +148,7 @@ def _places(reasons: dict[tuple[int, int], str]) -> list[dict[str, Any]]:
     ]
 
 
-def _print_table(chart: StabilityChart, loop: ChartLoop) -> None:
+def _print_table(chart: StabilityChart, loop: VariedLoop) -> None:
     """Print critical delays in milliseconds, the largest y on top, if they fit on a screen."""
     if chart.status.shape[1] > _WIDEST_TABLE or chart.status.shape[0] > _LONGEST_TABLE:
         return
@@ -158,7 +158,7 @@ def _print_table(chart: StabilityChart, loop: ChartLoop) -> None:
         "always": "any",
         "failed": "-",
     }
-    print(f"  critical delay [ms]; down: {loop.y.name}, across: {loop.x.name}")
+    print(f"  critical delay [ms]; down: {loop.axes[1].name}, across: {loop.axes[0].name}")
     print(" " * 12 + "".join(f"{value:10.6g}" for value in chart.x_values))
     for row in reversed(range(len(chart.y_values))):
         cells = zip(chart.status[row], chart.critical_delay[row], strict=True)

@@ -1,6 +1,7 @@
 """`railenv critical-delay` and `railenv roots`: the stability oracle on the command line."""
 
 import argparse
+from collections.abc import Callable
 from typing import Any
 
 from eval.arguments import (
@@ -21,7 +22,14 @@ from eval.stability_answers import (
 )
 from eval.system_file import load_system
 from railenv.errors import ArgumentError, NeutralLoopError, check_count, check_positive
-from railenv.stability import DelaySystem, enclosed_roots, pade_roots, rightmost_roots
+from railenv.stability import (
+    DelaySystem,
+    SampledLoop,
+    enclosed_roots,
+    pade_roots,
+    proved_critical_delay,
+    rightmost_roots,
+)
 from railenv.vehicle import LateralVehicle
 
 _SHOWN = 20
@@ -67,6 +75,8 @@ def command_critical_delay(options: argparse.Namespace) -> None:
     longest = check_positive("max_delay", parse_number("max_delay", options.max_delay), "seconds")
     stepping = parse_stepping(options)
     method, order = _method(options.method, ("exact", "simulation"))
+    if options.prove_sampled and method != "exact":
+        raise ArgumentError("--prove-sampled goes with --method exact")
     if method == "simulation":
         if options.controller is None:
             raise ArgumentError(
@@ -100,6 +110,8 @@ def command_critical_delay(options: argparse.Namespace) -> None:
                 order,
                 progress=tell_delay,
             )
+            if options.prove_sampled:
+                answer |= _sampled_bracket(system, answer, tell_delay)
     if options.json:
         print_json(answer)
         return
@@ -108,6 +120,23 @@ def command_critical_delay(options: argparse.Namespace) -> None:
     _print_critical(answer, method, longest)
     _print_crossings(answer)
     print(_proved_text(answer, method))
+
+
+def _sampled_bracket(
+    system: DelaySystem, answer: dict[str, Any], progress: Callable[[float], None]
+) -> dict[str, Any]:
+    """Prove the loop with hold stable up to one delay and unstable at the next."""
+    period = answer["control_period_s"]
+    if period is None:
+        raise ArgumentError("--prove-sampled needs a control period; give --control-period")
+    found = proved_critical_delay(
+        SampledLoop.from_delay_system(system, period), answer["max_delay_s"], progress=progress
+    )
+    return {
+        "critical_delay_sampled_bracket_s": [found.low, found.high],
+        "sampled_proved": not found.reason,
+        "sampled_reason": found.reason,
+    }
 
 
 def _proved_text(answer: dict[str, Any], method: str) -> str:
@@ -158,6 +187,12 @@ def _print_critical(answer: dict[str, Any], method: str, longest: float) -> None
             f"  critical delay, sampled {period:<13} "
             f"{_ms(answer['critical_delay_sampled_s'], longest)}{exact}"
         )
+    if "critical_delay_sampled_bracket_s" in answer:
+        low, high = answer["critical_delay_sampled_bracket_s"]
+        parts = [] if low is None else [f"STABLE from 0 to {1000 * low:.3f} ms"]
+        parts += [] if high is None else [f"UNSTABLE at {1000 * high:.3f} ms"]
+        parts += [answer["sampled_reason"]] if answer["sampled_reason"] else []
+        print(f"    sampled, proved: {', '.join(parts)}")
     if answer["frequency_hz"] is not None:
         print(f"  first unstable: {answer['frequency_hz']:.4f} Hz, {answer['mode'] or '-'}")
     if answer.get("bracket_s"):

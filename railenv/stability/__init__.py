@@ -13,12 +13,16 @@ from railenv.stability.delay_system import DelaySystem, as_delay_system
 from railenv.stability.enclosed_roots import EnclosedRoot, EnclosedRoots, enclosed_roots
 from railenv.stability.modes import Mode, follow, modal_assurance
 from railenv.stability.pade import pade_critical_delays, pade_matrix, pade_roots, required_order
+from railenv.stability.proof.jitter import largest_jitter
+from railenv.stability.proof.sampled_critical import SampledCriticalDelay, proved_critical_delay
 from railenv.stability.sampled import (
     sampled_critical_delay,
     sampled_growth_rate,
     sampled_roots,
 )
+from railenv.stability.sampled_loop import SampledLoop
 from railenv.stability.spectrum import count_unstable, rightmost_roots
+from railenv.stability.uncertain import UncertainDelaySystem
 
 __all__ = [
     "Certificate",
@@ -28,6 +32,9 @@ __all__ = [
     "EnclosedRoot",
     "EnclosedRoots",
     "Mode",
+    "SampledCriticalDelay",
+    "SampledLoop",
+    "UncertainDelaySystem",
     "as_delay_system",
     "certify",
     "count_unstable",
@@ -35,10 +42,12 @@ __all__ = [
     "enclosed_roots",
     "estimated_critical_delays",
     "follow",
+    "largest_jitter",
     "modal_assurance",
     "pade_critical_delays",
     "pade_matrix",
     "pade_roots",
+    "proved_critical_delay",
     "required_order",
     "rightmost_roots",
     "sampled_critical_delay",

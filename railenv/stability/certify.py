@@ -4,18 +4,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
-import numpy as np
-
-from railenv.errors import ArgumentError, check_count
-from railenv.stability.certificate import UNDECIDED, UNSTABLE, Certificate
+from railenv.errors import ArgumentError, check_count, check_not_negative
+from railenv.stability import claims as prove
+from railenv.stability.certificate import Certificate
 from railenv.stability.delay_system import DelaySystem, as_delay_system
 from railenv.stability.proof.contour import Box
-from railenv.stability.proof.delay_box import Proof, prove_box
-from railenv.stability.proof.neutral import difference_part_is_unstable
 from railenv.stability.proof.region import Region
-
-MOST_TESTS = 200_000
-"""Tests of pieces and boxes after which a proof is given up; some minutes."""
+from railenv.stability.sampled_loop import SampledLoop
+from railenv.stability.uncertain import UncertainDelaySystem
 
 Delay = float | tuple[float, float] | Sequence[float | tuple[float, float]]
 
@@ -27,10 +23,14 @@ def certify(
     decay_rate: float = 0.0,
     damping_ratio: float | None = None,
     max_frequency_hz: float | None = None,
-    most_tests: int = MOST_TESTS,
+    jitter: float = 0.0,
+    common_jitter: bool = False,
+    control_period: float | None = None,
+    told_error: float = 0.0,
+    most_tests: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Certificate:
-    """Prove a loop stable or unstable for constant delays.
+    """Prove a loop stable or unstable.
 
     STABLE means that every characteristic root has negative real part (or lies outside the region
     that `decay_rate` or `damping_ratio` describes) at every delay asked for; UNSTABLE that at one
@@ -42,69 +42,104 @@ def certify(
     offered here therefore ends at a frequency.
 
     Args:
-        system: A `DelaySystem`, or an object with `to_delay_system()`.
+        system: A `DelaySystem`, an object with `to_delay_system()`, an `UncertainDelaySystem` (the
+            answer holds for every member) or a `SampledLoop`.
         delay: A number: one delay for all channels. A tuple (low, high): every common delay in the
             interval. A list with one entry per channel, each a number or a tuple: every combination
             of independent delays (equal numbers are taken as one delay) [s].
         decay_rate: Ask for Re s < -decay_rate instead [1/s].
         damping_ratio: Ask for at least this damping ratio [1] ...
         max_frequency_hz: ... of all roots up to this damped frequency [Hz].
-        most_tests: Give up after so many tests.
-        progress: Called now and then with the place on the contour reached.
+        jitter: The delays vary in time, arbitrarily fast, in [delay, delay + jitter] [s].
+        common_jitter: Whether all channels share the varying delay.
+        control_period: The feedback is sampled and held with this period [s]; the delay then is the
+            computational delay between sample and hold.
+        told_error: A scheduled sampled controller is told the delay with at most this error [s].
+        most_tests: Give up after so many tests (pieces, parts of a box, parts of a family).
+        progress: Called now and then with the share that is done, 0 to 1.
 
     Returns:
         The certificate; `save` it, re-check it with `railenv.stability.verifier`.
 
     Raises:
-        ArgumentError: A bad delay or region.
+        ArgumentError: A bad argument, or a combination that no proof is known for.
     """
     start = time.perf_counter()
-    loop = as_delay_system(system)
     region = Region(decay_rate, damping_ratio, max_frequency_hz)
-    tests = check_count("most_tests", most_tests)
-    groups, box = delay_box(loop, delay)
-    claim = {
-        "kind": "delay box",
-        "common": len(groups) == 1,
-        "groups": [list(group) for group in groups],
-        "low": list(box.low),
-        "high": list(box.high),
-        "region": region.to_plain(),
-    }
-    proof = _proved(loop, groups, box, region, tests, progress)
+    if most_tests is not None:
+        check_count("most_tests", most_tests)
+    loop = system if isinstance(system, UncertainDelaySystem | SampledLoop) else None
+    if loop is None:
+        loop = as_delay_system(system)
+    if control_period is not None:
+        if not isinstance(loop, DelaySystem):
+            raise ArgumentError(
+                "control_period is for a DelaySystem; a SampledLoop has its own, and an uncertain "
+                "one cannot be sampled"
+            )
+        loop = SampledLoop.from_delay_system(loop, control_period)
+    _refuse_combinations(loop, region, jitter, told_error)
+    if isinstance(loop, SampledLoop):
+        claim, proof = prove.sampled(loop, delay, told_error, most_tests, progress)
+        plain = {"kind": "sampled loop", **loop.to_plain()}
+    elif isinstance(loop, UncertainDelaySystem):
+        groups, box = delay_box(loop.nominal, delay)
+        claim, proof = prove.family(loop, groups, box, region, most_tests, progress)
+        plain = prove.plain_family(loop)
+    elif check_not_negative("jitter", jitter, "seconds") > 0.0:
+        _, box = delay_box(loop, delay)
+        if not box.is_point:
+            raise ArgumentError(
+                "jitter is added to one delay per channel, not to an interval; take the interval's "
+                "low end as delay and its width plus the jitter as jitter"
+            )
+        delays = loop.delays(_point(delay))
+        claim, proof = prove.jitter(loop, delays, jitter, common_jitter, most_tests)
+        plain = prove.plain_system(loop)
+    else:
+        groups, box = delay_box(loop, delay)
+        claim, proof = prove.box(loop, groups, box, region, most_tests, progress)
+        plain = prove.plain_system(loop)
     return Certificate(
         proof.verdict,
         proof.roots,
         proof.reason,
         claim,
-        plain_system(loop),
+        plain,
         proof.evidence,
         time.perf_counter() - start,
     )
 
 
-def _proved(
-    loop: DelaySystem,
-    groups: list[tuple[int, ...]],
-    box: Box,
-    region: Region,
-    tests: int,
-    progress: Callable[[float], None] | None,
-) -> Proof:
-    if loop.neutral and any(high > 0.0 for high in box.high):
-        shared = next((g for g, high in zip(groups, box.high, strict=True) if high > 0.0), ())
-        if len(groups) == 1 and difference_part_is_unstable(loop.feedthrough):
-            return Proof(
-                UNSTABLE,
-                None,
-                "the loop is neutral and its difference part unstable: infinitely many roots to "
-                f"the right of the axis at delay {box.high[0]:.6g} s, and at any other above zero",
-                {"method": "neutral", "group": list(shared), "delays": [box.high[0]]},
+def _point(delay: Any) -> Any:
+    """Return delays without intervals: (d, d) is d."""
+    if isinstance(delay, tuple):
+        return cast(Sequence[float], delay)[0]
+    if _is_single(delay):
+        return delay
+    return [_point(entry) for entry in delay]
+
+
+def _refuse_combinations(loop: Any, region: Region, jitter: Any, told_error: Any) -> None:
+    plain = region == Region()
+    if isinstance(loop, SampledLoop):
+        if not plain or jitter:
+            raise ArgumentError(
+                "decay_rate, damping_ratio and jitter are for continuous feedback; for a sampled "
+                "loop give an interval of delays (a proved one also stands for delays that vary "
+                "from sample to sample)"
             )
-    try:
-        return prove_box(loop, groups, box, region, tests, progress)
-    except ArgumentError as error:
-        return Proof(UNDECIDED, None, str(error), {})
+        return
+    if told_error:
+        raise ArgumentError("told_error is for a scheduled sampled controller; give control_period")
+    if isinstance(loop, UncertainDelaySystem) and (jitter or region.damping_ratio is not None):
+        raise ArgumentError(
+            "an uncertain system is proved for constant delays and decay rates only"
+        )
+    if jitter and not plain:
+        raise ArgumentError(
+            "jitter is proved for stability alone; drop decay_rate and damping_ratio"
+        )
 
 
 def delay_box(system: DelaySystem, delay: Any) -> tuple[list[tuple[int, ...]], Box]:
@@ -119,7 +154,7 @@ def delay_box(system: DelaySystem, delay: Any) -> tuple[list[tuple[int, ...]], B
             there are more or fewer entries than channels.
     """
     everything = tuple(range(system.num_channels))
-    if isinstance(delay, tuple) or np.ndim(delay) == 0:
+    if isinstance(delay, tuple) or _is_single(delay):
         low, high = _interval(system, delay)
         return [everything], Box((low,), (high,))
     entries = list(delay)
@@ -142,6 +177,13 @@ def delay_box(system: DelaySystem, delay: Any) -> tuple[list[tuple[int, ...]], B
     return groups, Box(tuple(a for a, _ in ends), tuple(b for _, b in ends))
 
 
+def _is_single(delay: Any) -> bool:
+    """Whether a delay is no list: a number, or what is refused as one later."""
+    return (
+        isinstance(delay, str) or getattr(delay, "ndim", None) == 0 or not hasattr(delay, "__len__")
+    )
+
+
 def _interval(system: DelaySystem, entry: Any) -> tuple[float, float]:
     ends: tuple[Any, ...] = (entry, entry)
     if isinstance(entry, tuple | list):
@@ -152,14 +194,3 @@ def _interval(system: DelaySystem, entry: Any) -> tuple[float, float]:
     if low > high:
         raise ArgumentError(f"delay = {entry!r} is reversed; give (low, high) with low <= high")
     return low, high
-
-
-def plain_system(system: DelaySystem) -> dict[str, Any]:
-    """Return a system's numbers as lists."""
-    return {
-        "kind": "delay system",
-        "A": system.A.tolist(),
-        "B": system.B.tolist(),
-        "K": system.K.tolist(),
-        "feedthrough": system.feedthrough.tolist(),
-    }

@@ -210,14 +210,16 @@ def exclude(
     shortest = [delay_ball(tau, unit) for tau in box.low]
     longest = [delay_ball(tau, unit) for tau in box.high]
     trees: list[list[list[int]]] = []
+    total, done = sum(len(ends) - 1 for ends in pieces), 0
     for line, ends in zip(contour.lines, pieces, strict=True):
         of_line: list[list[int]] = []
         for low, high in itertools.pairwise(ends):
             of_line.append(
                 _tree(h, line, (low, high), box, unit, (shortest, longest), effort, suspect)
             )
+            done += 1
             if effort.progress is not None:
-                effort.progress(high)
+                effort.progress(done / total)
         trees.append(of_line)
     return trees
 

@@ -11,10 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from flint import arb
 
 from railenv.errors import ArgumentError
 from railenv.stability.delay_system import DelaySystem
+from railenv.stability.modes import Mode
 from railenv.stability.proof.axis_crossings import proved_crossings
 from railenv.stability.proof.characteristic import Characteristic, characteristic
 from railenv.stability.proof.contour import Box, Quasipolynomial, delay_ball
@@ -77,13 +79,17 @@ class _Loop:
 
     def seems_unstable(self, delays: Sequence[float]) -> bool:
         """Whether floating point sees a root in the region; False also if it cannot tell."""
+        return any(self.region.contains(mode) for mode in self.estimates(delays, _LOOKED_AT))
+
+    def estimates(self, delays: Sequence[float], count: int) -> list[Mode]:
+        """Return rightmost roots in floating point; none if they cannot be had."""
         if self.system.neutral:
-            return False
+            return []
         try:
-            found = rightmost_roots(self.system, self.channel_delays(delays), _LOOKED_AT)
+            with np.errstate(all="ignore"):
+                return rightmost_roots(self.system, self.channel_delays(delays), count)
         except (ArgumentError, ArithmeticError, ValueError):
-            return False
-        return any(self.region.contains(mode) for mode in found)
+            return []
 
 
 def prove_box(
@@ -102,7 +108,7 @@ def prove_box(
         box: One interval of delays per group [s].
         region: Where no root may be.
         most_tests: Tests the exclusion may take before it is given up.
-        progress: Called with the place on the contour that has been reached.
+        progress: Called with the share of the contour that is done.
     """
     loop = _Loop(system, characteristic(system, groups), region)
     try:
@@ -235,8 +241,10 @@ def _right_of_the_axis(
     """Count to the right of a line half-way to the rightmost root, past others on the contour."""
     if loop.region.damping_ratio is not None:
         return None
-    rightmost = rightmost_roots(loop.system, loop.channel_delays(delays), 1)[0].root.real
-    edge = (rightmost - loop.region.decay_rate) / 2
+    estimates = loop.estimates(delays, 1)
+    if not estimates:
+        return None
+    edge = (estimates[0].root.real - loop.region.decay_rate) / 2
     if not edge > -loop.region.decay_rate:
         return None
     smaller = _Loop(loop.system, loop.h, Region(decay_rate=-edge))
