@@ -157,6 +157,8 @@ def delay_box(system: DelaySystem, delay: Any) -> tuple[list[tuple[int, ...]], B
     if isinstance(delay, tuple) or _is_single(delay):
         low, high = _interval(system, delay)
         return [everything], Box((low,), (high,))
+    if getattr(delay, "ndim", 1) != 1:
+        raise ArgumentError(f"delay = {delay!r} is no list with one entry per channel")
     entries = list(delay)
     if len(entries) == 1:
         return delay_box(system, entries[0])
@@ -189,6 +191,8 @@ def _interval(system: DelaySystem, entry: Any) -> tuple[float, float]:
     if isinstance(entry, tuple | list):
         ends = tuple(cast(Sequence[Any], entry))
     if len(ends) != 2:
+        raise ArgumentError(f"delay = {entry!r} is no number and no (low, high) interval")
+    if not all(_is_single(end) for end in ends):
         raise ArgumentError(f"delay = {entry!r} is no number and no (low, high) interval")
     low, high = (float(system.delays(end).max(initial=0.0)) for end in ends)
     if low > high:

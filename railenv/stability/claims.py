@@ -61,9 +61,7 @@ def box(
             f"right of the axis at delay {delays.high[0]:.6g} s, and at any other above zero; "
             "low-pass the fed-back signal or give the actuator a lag"
         )
-        return claim, Proof(
-            UNSTABLE, None, text, {"method": "neutral", "delays": [delays.high[0]]}
-        )
+        return claim, Proof(UNSTABLE, None, text, {"method": "neutral", "delays": [delays.high[0]]})
     try:
         most = MOST_BOX_TESTS if tests is None else tests
         return claim, prove_box(loop, groups, delays, region, most, progress)

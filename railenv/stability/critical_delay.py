@@ -49,13 +49,20 @@ def critical_delays(system: DelaySystem, max_delay: float = 2.0) -> CriticalDela
     """
     system.require_retarded("critical_delays")
     longest = check_positive("max_delay", max_delay, "seconds")
+    marginal = 0
     try:
         h = characteristic(system, [range(system.num_channels)])
+        marginal = int(h.without_delay[0] == 0)
         found = proved_crossings(h)
     except (UndecidedError, ArgumentError) as error:
         answer = estimated_critical_delays(system, longest)
         return CriticalDelays(
-            answer.crossings, answer.unstable_without_delay, longest, reason=str(error)
+            answer.crossings,
+            answer.unstable_without_delay,
+            longest,
+            # h(0) does not depend on the delay, so this much is certain.
+            marginal=marginal,
+            reason=str(error),
         )
     with precision(_BITS):
         unit = arb(h.unit)
@@ -73,7 +80,7 @@ def critical_delays(system: DelaySystem, max_delay: float = 2.0) -> CriticalDela
         longest,
         marginal=found.marginal,
         proved=True,
-        delay_independent=not found.crossings,
+        delay_independent=not found.crossings and not found.marginal,
     )
 
 

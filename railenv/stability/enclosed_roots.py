@@ -173,21 +173,21 @@ def _clusters(modes: list[Mode]) -> list[list[Mode]]:
 def _enclose(
     h: Quasipolynomial, cluster: list[Mode], delays: Sequence[Any], unit: Any, bits: int
 ) -> tuple[Any, int]:
-    """Return a ball and the number of roots in it."""
+    """Return a ball and the number of roots in it; a ball around a real number holds conjugates."""
     root = cluster[0].root
     real = root.imag == 0.0
-    s = acb(root.real, root.imag) * arb(unit)
     if len(cluster) == 1:
-        ball = _by_newton(h, s, delays, bits, real)
-        if ball is not None:
+        ball = _by_newton(h, acb(root.real, root.imag) * arb(unit), delays, bits, real)
+        # A ball across the real axis may hold a real root, or both of a pair.
+        if ball is not None and (real or not ball.imag.contains(0)):
             return ball, 1
     mean = sum(mode.root for mode in cluster) / len(cluster)
-    half = 4.0 * _TOGETHER * max(abs(mean), 1e-300) * float(unit)
-    centre = acb(mean.real, 0 if real else mean.imag) * arb(unit)
-    return acb(
-        arb(centre.real.mid(), half),
-        0 if real and len(cluster) == 1 else arb(centre.imag.mid(), half),
-    ), _inside(h, centre.mid(), half, delays, unit)
+    half = 4.0 * _TOGETHER * max(abs(mean), 1e-300)
+    on_axis = abs(mean.imag) <= half
+    centre = (acb(mean.real, 0 if on_axis else mean.imag) * arb(unit)).mid()
+    half *= float(unit)
+    square = acb(arb(centre.real.mid(), half), arb(centre.imag.mid(), half))
+    return square, _inside(h, centre, half, delays, unit)
 
 
 def _by_newton(

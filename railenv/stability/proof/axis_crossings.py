@@ -142,12 +142,17 @@ def _crossings(
                 return [
                     ProvedCrossing(c.frequency, c.phase, c.direction, c.multiplicity * times)
                     for part, times in irreducible_factors(terms)
-                    for c in _crossings(part, axis_polynomial, split=False)
+                    for c in _crossings(part, _axis_polynomial(part), split=False)
                 ]
             crossing = _crossing(terms, factor, power, interval, axis_polynomial)
             if crossing is not None:
                 found.append(crossing)
     return found
+
+
+def _axis_polynomial(terms: list[Polynomial]) -> Polynomial:
+    """Return e(omega^2) whose zeros are the roots on the axis without delay."""
+    return unstable_zeros(sum(terms, fmpq_poly([0])))[2]
 
 
 def _meets_circle(terms: list[Polynomial], factor: Any, interval: tuple[Any, Any]) -> bool:

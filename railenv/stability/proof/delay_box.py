@@ -34,6 +34,8 @@ _MOST_PIECES = 40_000
 _MOST_CORNERS = 32
 # Next to a crossing or a touch the exclusion becomes long; the list of crossings then is the proof.
 _TESTS_BEFORE_CROSSINGS = 5_000
+# Crossings of an interval that are looked through for an unstable part.
+_MOST_EVENTS = 20_000
 _LOOKED_AT = 8
 """Roots that floating point looks at to propose an unstable delay."""
 
@@ -113,13 +115,19 @@ def prove_box(
     loop = _Loop(system, characteristic(system, groups), region)
     try:
         witness = _proposed_witness(loop, box)
-        if witness is None:
-            return _stable(loop, box, most_tests, progress)
-    except _WitnessError as found:
-        witness = found.delays
+        for suspicious in (True, False):
+            if witness is not None:
+                proof = _unstable(loop, witness)
+                if proof.verdict != "UNDECIDED":
+                    return proof
+            # Estimates may see roots beyond the edge that are not: the proof has the last word.
+            try:
+                return _stable(loop, box, most_tests, suspicious, progress)
+            except _WitnessError as found:
+                witness = found.delays
     except UndecidedError as error:
         return Proof("UNDECIDED", None, str(error), {})
-    return _unstable(loop, witness)
+    raise AssertionError("the second search raises no suspicion")
 
 
 def _proposed_witness(loop: _Loop, box: Box) -> tuple[float, ...] | None:
@@ -135,7 +143,7 @@ def _proposed_witness(loop: _Loop, box: Box) -> tuple[float, ...] | None:
 
 
 def _in_unstable_window(loop: _Loop, box: Box) -> tuple[float, ...] | None:
-    """Look through the exact crossings; the widest unstable part of the interval is proposed."""
+    """Look through the exact crossings; an early unstable part of the interval is proposed."""
     low, high = box.low[0], box.high[0]
     try:
         found = proved_crossings(loop.h)
@@ -145,27 +153,34 @@ def _in_unstable_window(loop: _Loop, box: Box) -> tuple[float, ...] | None:
     unstable = found.unstable_without_delay
     unit = float(loop.h.unit.p) / float(loop.h.unit.q)
     turn = 2 * math.pi
+    # Where crossings are too many to be listed, the first ones of the interval are.
+    rate = sum(float(c.frequency.mid()) for c in found.crossings) / unit / turn
+    if (high - low) * rate > _MOST_EVENTS:
+        high = low + _MOST_EVENTS / rate
     for crossing in found.crossings:
         omega, phase = float(crossing.frequency.mid()) / unit, float(crossing.phase.mid())
         first = phase / omega
-        number = int(max(0.0, (high - first) * omega / turn)) + 1
-        if number > _MOST_PIECES:
-            return None
-        for k in range(number):
+        step = 2 * crossing.direction * crossing.multiplicity
+        passed = max(0, math.floor((low - first) * omega / turn) + 1)
+        # A root that is on the axis without delay and turns stable was never counted.
+        counted = passed - int(crossing.phase.is_zero() and step < 0 and passed > 0)
+        unstable += step * counted
+        for k in range(passed, passed + _MOST_EVENTS + 1):
             tau = (phase + turn * k) / omega
             if tau > high:
-                continue
-            if tau <= low:
-                unstable += 2 * crossing.direction * crossing.multiplicity
-            else:
-                events.append((tau, 2 * crossing.direction * crossing.multiplicity))
-    widest, start = (0.0, 0.0), low
+                break
+            if tau > low:
+                events.append((tau, step))
+    windows: list[tuple[float, float]] = []
+    start = low
     for tau, change in [*sorted(events), (high, 0)]:
-        if unstable > 0:
-            widest = max(widest, (tau - start, (tau + start) / 2))
+        if unstable > 0 and tau > start:
+            windows.append((tau - start, (tau + start) / 2))
         start, unstable = tau, unstable + change
-    if widest[0] > 0.0:
-        return (widest[1],)
+    if windows:
+        # The first that is not narrow: short delays are counted more quickly.
+        widest = max(width for width, _ in windows)
+        return (next(middle for width, middle in windows if width >= widest / 10.0),)
     if found.marginal:
         raise UndecidedError(
             f"{found.marginal} root(s) stay on the imaginary axis whatever the delay: the loop is "
@@ -175,7 +190,11 @@ def _in_unstable_window(loop: _Loop, box: Box) -> tuple[float, ...] | None:
 
 
 def _stable(
-    loop: _Loop, box: Box, most_tests: int, progress: Callable[[float], None] | None
+    loop: _Loop,
+    box: Box,
+    most_tests: int,
+    suspicious: bool,
+    progress: Callable[[float], None] | None,
 ) -> Proof:
     """Count at the middle, then exclude the contour for the whole box."""
     number, evidence, (h, contour, pieces) = _counted(loop, box.centre, box.high)
@@ -186,7 +205,8 @@ def _stable(
 
         def suspect(part: Box) -> None:
             # At the first, second, fourth, ... call only: looking costs more than a test.
-            if (next(calls)).bit_count() == 1 and loop.seems_unstable(part.centre):
+            look = suspicious and next(calls).bit_count() == 1
+            if look and loop.seems_unstable(part.centre):
                 raise _WitnessError(part.centre)
 
         common = len(box.low) == 1 and loop.region == Region()

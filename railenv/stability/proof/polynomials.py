@@ -210,6 +210,8 @@ def refined(polynomial: Any, low: Any, high: Any, bits: int) -> Ball:
     Newton's iteration proposes, a change of sign proves; where it does not, the interval is halved.
     """
     whole = polynomial if isinstance(polynomial, fmpz_poly) else polynomial.numer()
+    while whole[0] == 0:
+        whole = whole.right_shift(1)  # as in the isolation: zero itself is no positive zero
     lower = _exact_sign(whole, low)
     with precision(2 * bits + 64):
         values, slopes = arb_poly(whole), arb_poly(whole.derivative())

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from flint import Ordering, fmpq, fmpq_poly, fmpz_mpoly_ctx, fmpz_poly
+from flint import Ordering, fmpq, fmpq_mpoly_ctx, fmpq_poly, fmpz_poly
 
 from railenv.stability.proof.polynomials import UndecidedError
 
@@ -76,15 +76,13 @@ def irreducible_factors(terms: list[Polynomial]) -> list[tuple[list[Polynomial],
     size = sum(int(p.degree()) + 1 for p in terms)
     if size > _LARGEST_FACTORED:
         raise UndecidedError("two roots cross the imaginary axis together, or one touches it")
-    context = fmpz_mpoly_ctx.get(("s", "z"), Ordering.lex)
-    denominator = 1
-    for p in terms:
-        denominator = denominator * p.denom() // _gcd(denominator, p.denom())
+    context = fmpq_mpoly_ctx.get(("s", "z"), Ordering.lex)
+    # Over the rationals and not the integers: there python-flint 0.9 fails on long coefficients.
     whole = context.from_dict(
         {
             (power, k): coefficient
             for k, p in enumerate(terms)
-            for power, coefficient in enumerate((p * denominator).numer().coeffs())
+            for power, coefficient in enumerate(p.coeffs())
             if coefficient != 0
         }
     )
