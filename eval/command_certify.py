@@ -17,7 +17,7 @@ from eval.arguments import (
 from eval.command_stability import is_typed, parse_linear_loop
 from eval.families import parse_family
 from railenv.errors import ArgumentError, RailenvError
-from railenv.stability import Certificate, SampledLoop, certify
+from railenv.stability import Certificate, DelaySystem, SampledLoop, certify
 from railenv.stability.verifier import verify_certificate
 from railenv.vehicle import LateralVehicle
 
@@ -154,12 +154,11 @@ def _verify(options: argparse.Namespace) -> int:
     """Re-check a certificate; with a loop beside it, that it is about this very loop."""
     meant = None
     if options.controller is not None or options.system is not None:
-        meant, _ = parse_linear_loop(options)
-    result = (
-        verify_certificate(options.verify)
-        if meant is None
-        else verify_certificate(options.verify, meant)
-    )
+        meant, _ = _loop(options)
+        if is_typed(options, "control_period") and isinstance(meant, DelaySystem):
+            period = parse_number("control_period", options.control_period)
+            meant = SampledLoop.from_delay_system(meant, period)
+    result = verify_certificate(options.verify, meant)
     certificate = result.certificate
     if options.json:
         print_json(

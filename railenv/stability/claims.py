@@ -85,7 +85,9 @@ def jitter(
         "jitter": float(width),
         "common": common,
     }
-    roots = evidence["count"]["roots"] if evidence else None
+    roots = None
+    if evidence and evidence["count"]["region"]["decay_rate"] == 0.0:
+        roots = evidence["count"]["roots"]
     return claim, Proof(verdict, roots, reason, evidence)
 
 

@@ -46,7 +46,8 @@ class Proof:
 
     Attributes:
         verdict: "STABLE", "UNSTABLE" or "UNDECIDED".
-        roots: Number of roots in the region; None if not known.
+        roots: Number of roots in the region; None if not known. The evidence's own number, of
+            its own region, is under its key "roots".
         reason: Why undecided, or where unstable.
         evidence: What re-checking needs.
     """
@@ -244,7 +245,11 @@ def _unstable(loop: _Loop, delays: tuple[float, ...]) -> Proof:
         shifted = _right_of_the_axis(loop, delays)
         if shifted is None:
             return Proof("UNDECIDED", None, str(error), {})
-        loop, number, evidence = shifted
+        line, number, evidence = shifted
+        if number:
+            # Others may be between the edge of the region and this line: the number is not known.
+            text = f"at least {number} roots, right of {line:.3g} 1/s, at delay {_said(delays)}"
+            return Proof("UNSTABLE", None, text, {**evidence, "roots": number})
     if number == 0:
         return Proof(
             "UNDECIDED",
@@ -257,7 +262,7 @@ def _unstable(loop: _Loop, delays: tuple[float, ...]) -> Proof:
 
 def _right_of_the_axis(
     loop: _Loop, delays: tuple[float, ...]
-) -> tuple[_Loop, int, dict[str, Any]] | None:
+) -> tuple[float, int, dict[str, Any]] | None:
     """Count to the right of a line half-way to the rightmost root, past others on the contour."""
     if loop.region.damping_ratio is not None:
         return None
@@ -272,14 +277,13 @@ def _right_of_the_axis(
         number, evidence, _ = _counted(smaller, delays, delays)
     except UndecidedError:
         return None
-    return smaller, number, evidence
+    return edge, number, evidence
 
 
 def _found(loop: _Loop, delays: tuple[float, ...], number: int, evidence: dict[str, Any]) -> Proof:
     roots = f"{number} root{'s' if number > 1 else ''}"
-    edge = -loop.region.decay_rate
-    where = f" to the right of {edge:.3g} 1/s" if edge > 0.0 else ""
-    return Proof("UNSTABLE", number, f"{roots}{where} at delay {_said(delays)}", evidence)
+    text = f"{roots} at delay {_said(delays)}"
+    return Proof("UNSTABLE", number, text, {**evidence, "roots": number})
 
 
 def _said(delays: Sequence[float]) -> str:

@@ -185,7 +185,11 @@ class _Question:
     @property
     def count_evidence(self) -> dict[str, Any]:
         """The count in plain values, with the channels that share each of its delays."""
-        return {**self.count.evidence, "groups": self.groups, "roots": self.count.roots}
+        return {
+            **self.count.evidence,
+            "groups": self.groups,
+            "roots": self.count.evidence.get("roots", 0),
+        }
 
     def evidence(self, weight: list[Any], pieces: list[float], bits: int) -> dict[str, Any]:
         """Return the evidence of stability."""

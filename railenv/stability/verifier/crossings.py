@@ -16,8 +16,9 @@ from railenv.stability.verifier.quasipolynomial import (
     rational,
 )
 
-
 _NARROWING = 8
+_LARGEST_WORK = 5e7
+"""Points of the interpolation times (size of the determinant)^3; some minutes."""
 
 
 def check_no_crossing(h: CharacteristicFunction, low: list[float], high: list[float]) -> None:
@@ -77,6 +78,8 @@ def _resultant(polynomials: list[Any]) -> Any:
     """Return the resultant in z of h and its reversed, as a polynomial in w = -s^2."""
     r = len(polynomials) - 1
     degree = r * max(p.degree() for p in polynomials)
+    if degree * (2 * r) ** 3 > _LARGEST_WORK:
+        raise RejectedError("the resultant is too large to be checked")
     points: list[Any] = []
     values: list[Any] = []
     for s in range(int(degree) + 1):

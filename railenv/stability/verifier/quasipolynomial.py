@@ -6,11 +6,16 @@ from the prover's and without its savings (no ranks, no common divisors, no scal
 """
 
 import itertools
+import math
+from dataclasses import dataclass
 from typing import Any, cast
 
 from flint import acb, acb_poly, arb, fmpq, fmpq_mat, fmpq_poly
 
 MOST_TERMS = 5000
+_LONGEST_WHOLE = 1024
+_LARGEST_WORK = 4e10
+"""Polynomials times operations for each; some minutes."""
 
 
 class RejectedError(Exception):
@@ -18,10 +23,16 @@ class RejectedError(Exception):
 
 
 def rational(value: Any) -> Any:
-    """Return a JSON number as the rational that the double is."""
+    """Return a JSON number as the rational that it is; whole numbers are not rounded to doubles."""
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise RejectedError(f"{value!r} is not a number")
-    return fmpq(*float(value).as_integer_ratio())
+        raise RejectedError(f"{value!r:.40} is not a number")
+    if isinstance(value, int):
+        if value.bit_length() > _LONGEST_WHOLE:
+            raise RejectedError("a whole number is larger than any double")
+        return fmpq(value)
+    if not math.isfinite(value):
+        raise RejectedError(f"{value} is not finite")
+    return fmpq(*value.as_integer_ratio())
 
 
 def matrix(name: str, rows: Any, height: int | None = None, width: int | None = None) -> Any:
@@ -42,33 +53,55 @@ def _is_row(row: Any, width: int) -> bool:
     return isinstance(row, list) and len(cast(list[Any], row)) == width
 
 
+@dataclass(frozen=True, eq=False)
+class System:
+    """x' = A x + B f, f_i(t) = u_i(t - tau_i), u = -K x - F f, in exact numbers."""
+
+    A: Any
+    B: Any
+    K: Any
+    F: Any
+
+    @classmethod
+    def read(cls, plain: Any) -> "System":
+        """Read a system's `A`, `B`, `K`, `feedthrough`, lists of rows.
+
+        Raises:
+            RejectedError: One of them is no matrix of the right size.
+        """
+        A = matrix("A", plain["A"])
+        n, m = A.nrows(), len(plain["K"])
+        if n == 0:
+            raise RejectedError("the system has no states")
+        return cls(
+            A,
+            matrix("B", plain["B"], n, m),
+            matrix("K", plain["K"], m, n),
+            matrix("feedthrough", plain["feedthrough"], m, m),
+        )
+
+
 class CharacteristicFunction:
     """h(s) of a certificate's system for groups of channels that share a delay.
 
     Args:
-        system: The system's numbers: `A`, `B`, `K`, `feedthrough` as lists of rows.
-        groups: Channels of each group.
-        unit: Unit of time, a power of two [s].
+        system: The system.
+        groups: Channels of each group, every channel once.
+        unit: Unit of time, above zero [s].
+
+    Raises:
+        RejectedError: There would be too many polynomials, or too large ones.
     """
 
-    def __init__(self, system: dict[str, Any], groups: list[list[int]], unit: Any) -> None:
-        A = matrix("A", system["A"])
-        n = A.nrows()
-        if n == 0:
-            raise RejectedError("the system has no states")
-        m = len(system["K"])
-        B = matrix("B", system["B"], n, m)
-        K = matrix("K", system["K"], m, n)
-        F = matrix("feedthrough", system["feedthrough"], m, m)
-        if sorted(k for group in groups for k in group) != list(range(m)):
-            raise RejectedError("the groups do not hold every channel once")
+    def __init__(self, system: System, groups: list[list[int]], unit: Any) -> None:
+        A, B, K, F = system.A, system.B, system.K, system.F
+        n, m = A.nrows(), K.nrows()
         self.degree, self.unit = n, unit
         sizes = [len(group) for group in groups]
-        total = 1
-        for size in sizes:
-            total *= size + 1
-        if total > MOST_TERMS:
-            raise RejectedError("the certificate has too many independent delays to be checked")
+        count = math.prod(size + 1 for size in sizes)
+        work = n**4 + n * n * m + (0 if _is_zero(F) else m**4)
+        if count > MOST_TERMS or count * work > _LARGEST_WORK:
+            raise RejectedError("the certificate is too large to be checked")
         nodes = [[fmpq(1, 3 + 2 * k) for k in range(size + 1)] for size in sizes]
         values: dict[tuple[int, ...], Any] = {}
         for index in itertools.product(*(range(size + 1) for size in sizes)):
@@ -110,11 +143,17 @@ def total(exponents: tuple[int, ...], delays: list[Any]) -> Any:
     return sum((k * tau for k, tau in zip(exponents, delays, strict=True)), arb(0))
 
 
+def _is_zero(F: Any) -> bool:
+    return all(value == 0 for value in F.entries())
+
+
 def _determinant(A: Any, B: Any, K: Any, F: Any, z: list[Any]) -> Any:
     m = len(z)
     if m == 0:
         return A.charpoly()
     ZK = fmpq_mat([[z[k] * K[k, j] for j in range(K.ncols())] for k in range(m)])
+    if _is_zero(F):
+        return (A - B * ZK).charpoly()
     own = fmpq_mat([[z[k] * F[k, j] + int(k == j) for j in range(m)] for k in range(m)])
     factor = own.det()
     if factor == 0:
