@@ -10,16 +10,19 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 # make TORCH="torch==... --index-url ..." test
 TORCH ?= torch==2.13.0
 
+# Tests run side by side, as many as there are cores; JOBS= runs them one after the other.
+JOBS ?= -n auto --dist worksteal
+
 .PHONY: benchmark test slow static check calibrate clean
 
 benchmark: $(VENV)/.installed-report
 	$(BIN)/railenv benchmark --suite quick --out runs/quick
 
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(JOBS)
 
 slow: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -m "slow or cluster or learning"
+	$(BIN)/python -m pytest $(JOBS) -m "slow or cluster or learning"
 
 static: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .

@@ -1,6 +1,7 @@
 """Shared set-up: one numeric thread (before numpy is loaded), and the paper's loop."""
 
 import os
+from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_name] = "1"
@@ -23,6 +24,14 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Note what was skipped for another reason than a missing accelerator."""
     if report.skipped and "gpu" not in report.keywords:
         _skipped.append(report.nodeid)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Print what tests have measured, also where they ran in worker processes."""
+    for report in terminalreporter.getreports("passed"):
+        for name, value in report.user_properties:
+            if name == "printed":
+                terminalreporter.write_line(f"{report.nodeid.partition('::')[2]}: {value}")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -200,7 +200,7 @@ def _stable(
     """Count at the middle, then exclude the contour for the whole box."""
     number, evidence, (h, contour, pieces) = _counted(loop, box.centre, box.high)
     if number:
-        return _found(loop, box.centre, number, evidence)
+        return _found(box.centre, number, evidence)
     if not box.is_point:
         calls = itertools.count(1)
 
@@ -257,7 +257,7 @@ def _unstable(loop: _Loop, delays: tuple[float, ...]) -> Proof:
             f"estimates see a root in the region at delay {_said(delays)}, the count does not",
             {},
         )
-    return _found(loop, delays, number, evidence)
+    return _found(delays, number, evidence)
 
 
 def _right_of_the_axis(
@@ -280,7 +280,7 @@ def _right_of_the_axis(
     return edge, number, evidence
 
 
-def _found(loop: _Loop, delays: tuple[float, ...], number: int, evidence: dict[str, Any]) -> Proof:
+def _found(delays: tuple[float, ...], number: int, evidence: dict[str, Any]) -> Proof:
     roots = f"{number} root{'s' if number > 1 else ''}"
     text = f"{roots} at delay {_said(delays)}"
     return Proof("UNSTABLE", number, text, {**evidence, "roots": number})
