@@ -6,7 +6,8 @@ then past actions, SI units. An action of one is `action_scale` newtons (3 kN un
 says otherwise); in simulation and benchmark only the actuator's force limit bounds it, the
 environment's box clips at one. State is kept inside and must not depend on the number of lanes.
 
-A linear controller also offers `to_delay_system(vehicle)` for the stability oracle.
+A linear controller also offers `to_delay_system(vehicle, actuator)` for the stability oracle, and
+`to_sampled_loop(vehicle, period, actuator)` for proofs about the loop with sampling and hold.
 """
 
 import sys
@@ -19,7 +20,7 @@ import numpy as np
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import DEFAULT_ACTION_SCALE, sensor_names
 from railenv.errors import ArgumentError, ControllerError, check_positive, unknown_name
-from railenv.stability import DelaySystem
+from railenv.stability import DelaySystem, SampledLoop
 from railenv.stability.loops import LinearSystem
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, state_space
@@ -168,3 +169,34 @@ class LinearFeedback:
         """
         check_layout(self.layout, vehicle)
         return DelaySystem.from_loop(plant_seen(vehicle, self.sensors, actuator), self.gain)
+
+    def to_sampled_loop(
+        self, vehicle: LateralVehicle, period: float, actuator: ActuatorSpec | None = None
+    ) -> SampledLoop:
+        """Close the loop around a vehicle with u_k = -gain @ y_k, held for a period.
+
+        Args:
+            vehicle: The vehicle; its layout must be the controller's.
+            period: Control period [s].
+            actuator: Its lag becomes part of the plant; limits do not act on small motion.
+
+        Returns:
+            The loop; a sensor with direct feedthrough sees the force before the switch.
+
+        Raises:
+            ArgumentError: The layouts differ, or the period is not above zero.
+        """
+        check_layout(self.layout, vehicle)
+        plant = plant_seen(vehicle, self.sensors, actuator)
+        m, p = self.gain.shape
+        return SampledLoop(
+            A=plant.A,
+            B=plant.B,
+            C=plant.C,
+            D=plant.D,
+            period=period,
+            Ac=np.zeros((0, 0)),
+            Bc=np.zeros((0, p)),
+            Cc=np.zeros((m, 0)),
+            Dc=-self.gain,
+        )

@@ -20,7 +20,7 @@ from railenv.actuation.hold import ramped_input
 from railenv.envs.observation import DEFAULT_ACTION_SCALE
 from railenv.errors import ArgumentError, check_positive
 from railenv.simulation import DEFAULT_CONTROL_PERIOD
-from railenv.stability import DelaySystem
+from railenv.stability import DelaySystem, SampledLoop
 from railenv.stability.loops import LinearSystem, linear_system
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle
@@ -120,6 +120,49 @@ class LinearDynamic:
         """
         check_layout(self.layout, vehicle)
         return DelaySystem.from_loop(plant_seen(vehicle, self.sensors, actuator), self.law)
+
+    def to_sampled_loop(
+        self, vehicle: LateralVehicle, period: float, actuator: ActuatorSpec | None = None
+    ) -> SampledLoop:
+        """Close the loop of the law as `act` steps it around a vehicle.
+
+        `act` computes xc_k = E xc_(k-1) + P y_(k-1) + Q y_k. What is carried from one period to the
+        next is z_k = E xc_(k-1) + P y_(k-1), so that xc_k = z_k + Q y_k and
+
+            u_k = -(C z_k + (C Q + D) y_k),   z_(k+1) = E z_k + (E Q + P) y_k
+
+        with products rounded to double precision.
+
+        Args:
+            vehicle: The vehicle; its layout must be the controller's.
+            period: Control period [s]; it must be the controller's own.
+            actuator: Its lag becomes part of the plant; limits do not act on small motion.
+
+        Returns:
+            The loop; a sensor with direct feedthrough sees the force before the switch.
+
+        Raises:
+            ArgumentError: The layouts differ, or the period is not the controller's.
+        """
+        check_layout(self.layout, vehicle)
+        if check_positive("period", period, "seconds") != self.control_period:
+            raise ArgumentError(
+                f"period = {period:g} s, but the controller is stepped with "
+                f"control_period = {self.control_period:g} s; use the same for both"
+            )
+        plant = plant_seen(vehicle, self.sensors, actuator)
+        E, P, Q, law = self._transition, self._before, self._after, self.law
+        return SampledLoop(
+            A=plant.A,
+            B=plant.B,
+            C=plant.C,
+            D=plant.D,
+            period=period,
+            Ac=E,
+            Bc=E @ Q + P,
+            Cc=-law.C,
+            Dc=-(law.C @ Q + law.D),
+        )
 
 
 def _transition(A: FloatArray, period: float) -> FloatArray:

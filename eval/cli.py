@@ -227,7 +227,7 @@ def _loop(parser: argparse.ArgumentParser, own: bool = False, required: bool = T
         place.add_argument(
             "--system",
             metavar="FILE.npz",
-            help="a loop of your own instead: arrays A, B, K with u = -K x(t - tau)",
+            help="a loop of your own: arrays A, B, K; or a sampled one: A, B, C, Dc, period",
         )
     for option, default, text in (
         ("--layout", "4", "passive, 2 or 4 (4)"),

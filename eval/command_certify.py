@@ -3,19 +3,17 @@
 import argparse
 from typing import Any
 
-from baselines.controller import users_own_code
 from eval.arguments import (
     parse_delay_box,
     parse_loop,
     parse_number,
     parse_output,
-    parse_stepping,
     parse_whole,
     print_json,
     progress_bar,
 )
-from eval.command_stability import is_typed, parse_linear_loop
 from eval.families import parse_family
+from eval.loops import is_typed, parse_linear_loop, parse_sampled_loop
 from railenv.errors import ArgumentError, RailenvError
 from railenv.stability import Certificate, DelaySystem, SampledLoop, certify
 from railenv.stability.verifier import verify_certificate
@@ -73,12 +71,7 @@ def _loop(options: argparse.Namespace) -> tuple[Any, str]:
         varied = ", ".join(options.vary)
         return parse_family(options), f"{options.controller}, {options.vehicle}, {varied}"
     if options.controller is not None and is_typed(options, "control_period"):
-        controller, vehicle = parse_loop(options)
-        convert = getattr(controller, "to_sampled_loop", None)
-        if convert is not None:
-            period = parse_stepping(options).control_period
-            with users_own_code("the controller's to_sampled_loop"):
-                return convert(vehicle, period), _title(options, vehicle)
+        return parse_sampled_loop(options), _title(options, parse_loop(options)[1])
     system, vehicle = parse_linear_loop(options)
     return system, _title(options, vehicle)
 
@@ -175,6 +168,8 @@ def _verify(options: argparse.Namespace) -> int:
     if not options.json:
         print(f"{options.verify}: accepted")
         print(f"  {certificate['verdict']}: {claim_text(certificate['claim'])}")
-        if certificate["reason"]:
-            print(f"  {certificate['reason']}")
+        if certificate["verdict"] == "UNSTABLE":
+            # The file's own words are not checked; these numbers are.
+            roots = certificate["unstable_roots"]
+            print(f"  unstable roots: {'more than can be counted' if roots is None else roots}")
     return 0

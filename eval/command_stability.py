@@ -14,13 +14,12 @@ from eval.arguments import (
     progress_bar,
 )
 from eval.delay_sweep import simulated_critical_delay
+from eval.loops import is_typed, parse_linear_loop, parse_sampled_loop
 from eval.stability_answers import (
     critical_delay_answer,
-    delay_system,
     enclosed_root_answers,
     root_answers,
 )
-from eval.system_file import load_system
 from railenv.errors import ArgumentError, NeutralLoopError, check_count, check_positive
 from railenv.stability import (
     DelaySystem,
@@ -34,34 +33,6 @@ from railenv.vehicle import LateralVehicle
 
 _SHOWN = 20
 """Most lines of a list; --json gives all."""
-
-
-_OF_A_VEHICLE = ("layout", "speed_kmh", "vehicle", "actuator_lag")
-
-
-def parse_linear_loop(options: argparse.Namespace) -> tuple[DelaySystem, LateralVehicle | None]:
-    """Return the loop that --controller or --system means, and its vehicle if it has one.
-
-    Raises:
-        ArgumentError: The controller is not linear, or an option for vehicles stands beside
-            --system.
-        InputFileError: The file of --system or of a saved policy cannot be used.
-    """
-    if options.controller is not None:
-        controller, vehicle = parse_loop(options)
-        return delay_system(controller, vehicle, parse_stepping(options).actuator), vehicle
-    for name in _OF_A_VEHICLE:
-        if is_typed(options, name):
-            raise ArgumentError(
-                f"--{name.replace('_', '-')} says something of a vehicle and {options.system!r} is "
-                "a loop of its own; drop the option, or give --controller instead of --system"
-            )
-    return load_system(options.system), None
-
-
-def is_typed(options: argparse.Namespace, name: str) -> bool:
-    """Whether an option was given, not left to its default."""
-    return not getattr(getattr(options, name), "is_default", False)
 
 
 def _loop_name(options: argparse.Namespace, vehicle: LateralVehicle | None) -> str:
@@ -94,6 +65,9 @@ def command_critical_delay(options: argparse.Namespace) -> None:
             )
     else:
         system, vehicle = parse_linear_loop(options)
+        if isinstance(system, SampledLoop):
+            _sampled_critical_delay(options, system, longest, method)
+            return
         # A loop of the user's own has no control period unless one is named.
         sampled = vehicle is not None or is_typed(options, "control_period")
         with progress_bar(options, None, "delay") as bar:
@@ -111,7 +85,7 @@ def command_critical_delay(options: argparse.Namespace) -> None:
                 progress=tell_delay,
             )
             if options.prove_sampled:
-                answer |= _sampled_bracket(system, answer, tell_delay)
+                answer |= _sampled_bracket(options, system, answer, tell_delay)
     if options.json:
         print_json(answer)
         return
@@ -122,16 +96,74 @@ def command_critical_delay(options: argparse.Namespace) -> None:
     print(_proved_text(answer, method))
 
 
+def _sampled_critical_delay(
+    options: argparse.Namespace, loop: SampledLoop, longest: float, method: str
+) -> None:
+    """Print the proved bracket of a sampled loop's first critical delay."""
+    if method != "exact":
+        raise ArgumentError(
+            f"method = {options.method!r} is for continuous loops and {options.system!r} holds a "
+            "sampled one; drop --method"
+        )
+    with progress_bar(options, None, "delay") as bar:
+
+        def tell(delay: float) -> None:
+            bar.set_postfix_str(f"{1000 * delay:.0f} ms", refresh=False)
+            bar.update()
+
+        found = proved_critical_delay(loop, longest, progress=tell)
+    low, high = found.low, found.high
+    middle = None if low is None or high is None else (low + high) / 2.0
+    unstable = found.unstable.unstable_roots if low is None and found.unstable else None
+    if options.json:
+        print_json(
+            {
+                "critical_delay_s": None,
+                "critical_delay_sampled_s": middle,
+                "critical_delay_sampled_bracket_s": [low, high],
+                "control_period_s": loop.period,
+                "crossings": [],
+                "max_delay_s": longest,
+                "method": "sampled",
+                "proved": not found.reason,
+                "sampled_proved": not found.reason,
+                "reason": found.reason,
+            }
+        )
+        return
+    print(f"{options.system}, method sampled")
+    label = f"critical delay, sampled every {1000 * loop.period:g} ms"
+    if low is None and high == 0.0:
+        number = "" if unstable is None else f": {unstable} unstable roots"
+        print(f"  UNSTABLE WITHOUT DELAY{number}")
+    elif high is None and not found.reason:
+        print(f"  {label}  none up to {longest:g} s")
+    else:
+        print(f"  {label}  {'not found' if middle is None else f'{1000 * middle:.3f} ms'}")
+    if low is not None:
+        # In full: a rounded end would claim more than is proved.
+        print(f"  STABLE for every delay from 0 to {low!r} s")
+    if high is not None:
+        print(f"  UNSTABLE at {high!r} s")
+    print(f"  proved: {'no (' + found.reason + ')' if found.reason else 'yes'}")
+
+
 def _sampled_bracket(
-    system: DelaySystem, answer: dict[str, Any], progress: Callable[[float], None]
+    options: argparse.Namespace,
+    system: DelaySystem,
+    answer: dict[str, Any],
+    progress: Callable[[float], None],
 ) -> dict[str, Any]:
     """Prove the loop with hold stable up to one delay and unstable at the next."""
     period = answer["control_period_s"]
     if period is None:
         raise ArgumentError("--prove-sampled needs a control period; give --control-period")
-    found = proved_critical_delay(
-        SampledLoop.from_delay_system(system, period), answer["max_delay_s"], progress=progress
+    loop = (
+        SampledLoop.from_delay_system(system, period)
+        if options.controller is None
+        else parse_sampled_loop(options)
     )
+    found = proved_critical_delay(loop, answer["max_delay_s"], progress=progress)
     return {
         "critical_delay_sampled_bracket_s": [found.low, found.high],
         "sampled_proved": not found.reason,
@@ -240,6 +272,11 @@ def command_roots(options: argparse.Namespace) -> None:
     count = check_count("count", parse_whole("count", options.count))
     method, order = _method(options.method, ("exact",))
     system, vehicle = parse_linear_loop(options)
+    if isinstance(system, SampledLoop):
+        raise ArgumentError(
+            f"{options.system!r} holds a sampled loop, and the characteristic roots are those of a "
+            "continuous one; use certify or critical-delay"
+        )
     proved, region = False, None
     if order is None:
         answers, region = _enclosed(system, delay, count, vehicle)

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from baselines import LinearDynamic, save_policy
 from eval.cli import main
 from eval.families import parse_family
-from railenv.stability import DelaySystem, certify
+from railenv.stability import DelaySystem, SampledLoop, certify
 
 SKYHOOK = ["--controller", "skyhook:gain=35e3", "--layout", "4"]
 
@@ -201,3 +202,108 @@ def test_two_masses_are_refused_by_name() -> None:
 def test_the_python_call_is_the_one_of_the_interface() -> None:
     system = DelaySystem([[0.0]], [[1.0]], [[1.0]])
     assert certify(system, delay=(0.0, 1.5)).verdict == "STABLE"
+
+
+@pytest.fixture
+def scheduled_file(tmp_path: Path) -> str:
+    """An oscillator; a law of two positions and the last command, scheduled on the told delay."""
+    told = np.array([0.0, 0.05, 0.1])
+    measured = np.stack([[[[6.0 + 20.0 * t]], [[-6.0 - 18.0 * t]]] for t in told])
+    commanded = np.stack([[[[0.1 + t]]] for t in told])
+    plant = ([[0.0, 1.0], [-4.0, -0.2]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]])
+    loop = SampledLoop.from_feedback(*plant, 0.05, measured, commanded, told)
+    path = tmp_path / "scheduled.npz"
+    np.savez(path, **{name: getattr(loop, name) for name in SampledLoop.__dataclass_fields__})
+    return str(path)
+
+
+def test_a_scheduled_law_is_certified_with_the_error_of_what_it_is_told(
+    capsys, scheduled_file: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "certificate.json"
+    question = ["--delay", "0:0.1", "--told-error", "0.005"]
+    found, plain = answer(
+        capsys, "--system", scheduled_file, *question, "--save", str(path), "--max-tests", "400"
+    )
+    assert (found, plain["verdict"]) == (0, "STABLE")
+    assert (plain["claim"]["kind"], plain["claim"]["told_error"]) == ("sampled", 0.005)
+    assert main(["certify", "--verify", str(path), "--system", scheduled_file]) == 0
+    assert "told with an error of up to 5 ms" in capsys.readouterr().out
+    other = dict(np.load(scheduled_file))
+    other["Dc"] = other["Dc"] * 1.01
+    np.savez(tmp_path / "other.npz", **other)
+    assert main(["certify", "--verify", str(path), "--system", str(tmp_path / "other.npz")]) == 1
+    assert "Dc" in capsys.readouterr().err
+
+
+LAW = """
+from baselines import SkyHook
+
+
+class Law(SkyHook):
+    def to_sampled_loop(self, vehicle, {arguments}):
+        {body}
+"""
+
+
+def own_law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, body: str) -> str:
+    """A controller of the user's own; returns its name for the command line."""
+    name = f"law_{abs(hash((arguments, body)))}"
+    (tmp_path / f"{name}.py").write_text(LAW.format(arguments=arguments, body=body))
+    monkeypatch.syspath_prepend(tmp_path)
+    return f"py:{name}:Law"
+
+
+@pytest.mark.parametrize("arguments", ["period", "period, actuator"])
+def test_a_law_of_the_users_own_may_know_the_actuator_or_not(
+    capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: str
+) -> None:
+    body = f"return SkyHook(35e3, 4).to_sampled_loop(vehicle, {arguments})"
+    law = own_law(tmp_path, monkeypatch, arguments, body)
+    question = ["--controller", law, "--control-period", "0.01", "--delay", "0.05"]
+    assert answer(capsys, *question)[0] == 0
+    lagged = main(["certify", *question, "--actuator-lag", "0.02"])
+    error = capsys.readouterr().err
+    if arguments == "period":
+        assert lagged == 2
+        assert "actuator_lag = 0.02 s is not known" in error
+    else:
+        assert lagged == 0
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "words"),
+    [
+        ("return None", 1, "returned NoneType; it must return a SampledLoop"),
+        ("raise KeyError(1)", 1, "to_sampled_loop raised KeyError"),
+        ("return super().to_sampled_loop(vehicle, -period)", 2, "period = -0.01"),
+    ],
+)
+def test_what_a_law_of_the_users_own_does_wrong_is_one_line(
+    capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str, status: int, words: str
+) -> None:
+    law = own_law(tmp_path, monkeypatch, "period", body)
+    question = ["--controller", law, "--control-period", "0.01", "--delay", "0.05"]
+    assert main(["certify", *question]) == status
+    error = capsys.readouterr().err.strip()
+    assert words in error
+    assert "\n" not in error
+
+
+def test_the_actuator_is_part_of_the_sampled_loop(capsys) -> None:
+    arguments = [*SKYHOOK, "--control-period", "0.01", "--delay", "0.19"]
+    assert answer(capsys, *arguments)[0] == 0
+    # a lag of 20 ms takes about as much from the 197 ms
+    assert answer(capsys, *arguments, "--actuator-lag", "0.02")[0] == 3
+
+
+def test_a_dynamic_law_is_certified_at_its_own_period_only(capsys, tmp_path: Path) -> None:
+    eye = np.eye(4)
+    sensors = tuple(f"carbody_lateral_velocity_{k}" for k in range(1, 5))
+    law = LinearDynamic((-50 * eye, 50 * eye, 30e3 * eye, 5e3 * eye), sensors, 4)
+    save_policy(law, tmp_path / "law.npz")
+    question = ["--controller", str(tmp_path / "law.npz"), "--delay", "0.1"]
+    found, plain = answer(capsys, *question, "--control-period", "0.01")
+    assert (found, plain["claim"]["kind"]) == (0, "sampled")
+    assert main(["certify", *question, "--control-period", "0.02"]) == 2
+    assert "control_period = 0.01 s; use the same for both" in capsys.readouterr().err

@@ -13,6 +13,7 @@ import pytest
 from eval.cli import main
 from eval.system_file import load_system
 from railenv.errors import InputFileError
+from railenv.stability import DelaySystem, SampledLoop
 
 A = np.array([[0.0, 1.0], [-4.0, -0.2]])
 B = np.array([[0.0], [1.0]])
@@ -40,6 +41,7 @@ def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
 
 def test_a_file_is_the_loop_it_holds(path: Path) -> None:
     system = load_system(path)
+    assert isinstance(system, DelaySystem)
     for name, matrix in (("A", A), ("B", B), ("K", K)):
         np.testing.assert_array_equal(getattr(system, name), matrix)
     assert not system.neutral
@@ -47,7 +49,9 @@ def test_a_file_is_the_loop_it_holds(path: Path) -> None:
 
 def test_a_feedthrough_is_read_too(path: Path) -> None:
     np.savez(path, A=A, B=B, K=K, feedthrough=[[0.5]])
-    assert load_system(path).neutral
+    system = load_system(path)
+    assert isinstance(system, DelaySystem)
+    assert system.neutral
 
 
 @pytest.mark.parametrize("dtype", [np.int8, np.float32, np.longdouble, ">f8"])
@@ -183,6 +187,65 @@ def single() -> bytes:
     return stream.getvalue()
 
 
+def sampled(**changes) -> bytes:
+    """A sampled loop without feedthrough and controller states, changed; None leaves out."""
+    arrays = {"A": A, "B": B, "C": K, "Dc": [[-1.0]], "period": 0.1} | changes
+    return saved(**{name: array for name, array in arrays.items() if array is not None})
+
+
+def empty(*shape: int) -> bytes:
+    return npy(b"{'descr': '<f8', 'fortran_order': False, 'shape': (%d, %d)}\n" % shape)
+
+
+HOSTILE_SAMPLED = {
+    "no direct part": (sampled(Dc=None), r"has no Dc \(it holds A, B, C, period\).*sampled loop"),
+    "no period": (sampled(period=None), "has no K .*a sampled loop needs period too"),
+    "continuous": (saved(A=A, B=B, K=K, period=0.1), "has no C and no Dc .*period holds a sampled"),
+    "both": (sampled(K=K), "unknown array 'K'.*sampled loop"),
+    "delay": (sampled(delay=0.1), "unknown array 'delay'"),
+    "two periods": (sampled(period=[0.1, 0.2]), r"period has shape \(2,\); give one number"),
+    "period zero": (sampled(period=0.0), "period = 0"),
+    "period infinite": (sampled(period=np.inf), "period = inf"),
+    "period as text": (sampled(period="0.1"), "'period' holds text"),
+    "period rounded": (sampled(period=np.longdouble(1) / 3), "double precision"),
+    "states in part": (sampled(Ac=[[0.5]]), "Ac without Bc, Cc"),
+    "states that do not fit": (
+        sampled(Ac=[[0.5]], Bc=[[1.0, 1.0]], Cc=[[1.0]]),
+        r"Bc has shape \(1, 2\); it must be \(1, 1\)",
+    ),
+    "knots that fall": (sampled(told=[0.1, 0.0], Dc=np.ones((2, 1, 1))), "told is not a list"),
+    "no knots": (sampled(told=[], Dc=np.ones((0, 1, 1))), "Dc has shape"),
+    "one knot too many": (sampled(told=[0.0, 0.1]), r"Dc has shape \(1, 1\); .* \(2, 1, 1\)"),
+    "flat plant": (sampled(A=A[0]), "A has 1 dimensions"),
+    "flat measurements": (sampled(C=K[0]), "C has 1 dimensions"),
+    "measurements of another plant": (sampled(C=np.ones((1, 3))), r"C has shape \(1, 3\)"),
+    "feedthrough that does not fit": (sampled(D=[1.0]), r"D has shape \(1,\)"),
+    "not a number": (sampled(Dc=[[np.nan]]), "Dc holds a value that is not finite"),
+    "objects": (sampled(Dc=np.array([[None]])), "object values"),
+    "complex": (sampled(Dc=np.array([[1j]])), "complex128"),
+    # Arrays without entries cost nothing and may declare any size.
+    "long and empty": (
+        zipped(
+            A=empty(0, 0), B=empty(0, 2**40), C=empty(2**40, 0), Dc=empty(0, 1), period=empty(1, 0)
+        ),
+        "period has shape",
+    ),
+    "long and thin": (
+        sampled(A=[[1.0]], B=np.ones((1, 10**5)), C=np.ones((10**5, 1))),
+        "Dc has shape .* must have 100000 rows",
+    ),
+    "sides beyond any array": (
+        zipped(
+            A=empty(0, 0),
+            B=empty(0, 0),
+            C=empty(2**62, 0),
+            Dc=empty(0, 1),
+            period=npy(b"{'descr': '<f8', 'fortran_order': False, 'shape': ()}\n", b"\x3f" * 8),
+        ),
+        "loop.npz",
+    ),
+}
+
 HOSTILE = {
     "empty": (b"", "no .npz file"),
     "text": (b"A = 1\n", "no .npz file"),
@@ -231,6 +294,7 @@ HOSTILE = {
     ),
     "unknown version": (zipped(A=b"\x93NUMPY\x09\x00\x00\x00"), "cannot be read"),
     "bomb": (bomb(), "declares shape"),
+    **{f"sampled, {name}": content for name, content in HOSTILE_SAMPLED.items()},
     "many": (zipped(**{f"a{k}": b"" for k in range(200)}), "holds 200 arrays"),
 }
 
@@ -268,6 +332,7 @@ def test_a_byte_changed_anywhere_is_the_same_loop_or_refused(tmp_path: Path) -> 
             system = load_system(place)
         except InputFileError:
             continue
+        assert isinstance(system, DelaySystem)
         np.testing.assert_array_equal(system.A, A)
         np.testing.assert_array_equal(system.K, K)
 
@@ -296,3 +361,84 @@ def test_what_is_no_file_is_refused_without_waiting(tmp_path: Path) -> None:
     for name in ("a\0b.npz", "x" * 5000 + ".npz"):
         with pytest.raises(InputFileError):
             load_system(name)
+
+
+FIELDS = ("A", "B", "C", "D", "Ac", "Bc", "Cc", "Dc")
+
+
+def test_a_file_with_a_period_is_the_sampled_loop_it_holds(path: Path) -> None:
+    path.write_bytes(sampled())
+    loop = load_system(path)
+    assert isinstance(loop, SampledLoop)
+    assert (loop.period, loop.told) == (0.1, None)
+    expected = SampledLoop.from_delay_system(DelaySystem(A, B, K), 0.1)
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(loop, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize("knots", [None, [0.0, 0.1]])
+def test_a_sampled_loop_is_read_as_it_was(path: Path, knots: list[float] | None) -> None:
+    measured, commanded = np.array([[[3.0]], [[-2.0]]]), np.array([[[0.1]]])
+    if knots is not None:
+        measured, commanded = (np.stack([part, 2.0 * part]) for part in (measured, commanded))
+    loop = SampledLoop.from_feedback(A, B, K, [[0.25]], 0.1, measured, commanded, knots)
+    arrays = {name: getattr(loop, name) for name in FIELDS} | {"period": loop.period}
+    path.write_bytes(saved(**arrays, **({} if knots is None else {"told": knots})))
+    found = load_system(path)
+    assert isinstance(found, SampledLoop)
+    assert found.to_plain() == loop.to_plain()
+
+
+def test_the_sampled_critical_delay_is_a_proved_bracket(capsys, path: Path) -> None:
+    # x_(k+1) = x_k - g T x_(k-7) loses stability at g T = 2 sin(pi / 30)
+    gain = 2.0 * np.sin(np.pi / 30.0) / 0.1
+    path.write_bytes(sampled(A=[[0.0]], B=[[1.0]], C=[[1.0]], Dc=[[-gain]]))
+    found = answer(capsys, "critical-delay", "--system", str(path), "--max-delay", "1")
+    low, high = found["critical_delay_sampled_bracket_s"]
+    assert low < 0.7 < high
+    assert high - low < 2e-3
+    assert found["critical_delay_sampled_s"] == pytest.approx((low + high) / 2)
+    assert (found["critical_delay_s"], found["crossings"]) == (None, [])
+    assert (found["method"], found["proved"], found["sampled_proved"]) == ("sampled", True, True)
+    assert (found["reason"], found["max_delay_s"], found["control_period_s"]) == ("", 1.0, 0.1)
+    status, out, _ = run(capsys, "critical-delay", "--system", str(path), "--max-delay", "1")
+    assert status == 0
+    assert f"STABLE for every delay from 0 to {low!r} s" in out
+    assert f"UNSTABLE at {high!r} s" in out
+    assert "proved: yes" in out
+
+
+@pytest.mark.parametrize(
+    ("gain", "bracket", "words"),
+    [(-2.0, [0.5, None], "none up to 0.5 s"), (2.0, [None, 0.0], "UNSTABLE WITHOUT DELAY")],
+)
+def test_a_sampled_loop_without_a_critical_delay_says_so(
+    capsys, path: Path, gain: float, bracket: list, words: str
+) -> None:
+    path.write_bytes(sampled(A=[[0.0]], B=[[1.0]], C=[[1.0]], Dc=[[gain]]))
+    arguments = ("critical-delay", "--system", str(path), "--max-delay", "0.5")
+    found = answer(capsys, *arguments)
+    assert found["critical_delay_sampled_bracket_s"] == bracket
+    assert found["critical_delay_sampled_s"] is None
+    assert words in run(capsys, *arguments)[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("roots", "--delay", "0.1"), "use certify or critical-delay"),
+        (("critical-delay", "--method", "pade:3"), "drop --method"),
+        (("critical-delay", "--control-period", "0.1"), "drop --control-period"),
+        (("certify", "--delay", "0.1", "--control-period", "0.1"), "drop --control-period"),
+        (("certify", "--delay", "0.1", "--decay-rate", "0.1"), "decay_rate"),
+        (("certify", "--delay", "0.1", "--layout", "4"), "--layout"),
+    ],
+)
+def test_what_does_not_go_with_a_sampled_loop_is_one_line(
+    capsys, path: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    path.write_bytes(sampled())
+    status, out, err = run(capsys, *arguments, "--system", str(path))
+    assert (status, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
