@@ -179,6 +179,12 @@ def delay_box(system: DelaySystem, delay: Any) -> tuple[list[tuple[int, ...]], B
     return groups, Box(tuple(a for a, _ in ends), tuple(b for _, b in ends))
 
 
+def _one_delay(system: DelaySystem, value: Any) -> float:
+    if system.num_channels == 0:
+        return check_not_negative("delay", value, "seconds")
+    return float(system.delays(value)[0])
+
+
 def _is_single(delay: Any) -> bool:
     """Whether a delay is no list: a number, or what is refused as one later."""
     return (
@@ -194,7 +200,7 @@ def _interval(system: DelaySystem, entry: Any) -> tuple[float, float]:
         raise ArgumentError(f"delay = {entry!r} is no number and no (low, high) interval")
     if not all(_is_single(end) for end in ends):
         raise ArgumentError(f"delay = {entry!r} is no number and no (low, high) interval")
-    low, high = (float(system.delays(end).max(initial=0.0)) for end in ends)
+    low, high = (_one_delay(system, end) for end in ends)
     if low > high:
         raise ArgumentError(f"delay = {entry!r} is reversed; give (low, high) with low <= high")
     return low, high

@@ -125,6 +125,13 @@ def sampled(
     high: Any = None
     if isinstance(delay, tuple):
         low, high = cast(tuple[float, float], delay)
+    elif isinstance(delay, list) and any(
+        isinstance(entry, tuple | list) for entry in cast(list[Any], delay)
+    ):
+        raise ArgumentError(
+            f"delay = {delay!r} has intervals per channel; a sampled loop is proved for one common "
+            "interval (low, high), or for one fixed delay per channel"
+        )
 
     def share(reached: float) -> None:
         if progress is not None and high is not None and high > low:
