@@ -17,7 +17,7 @@ from railenv.stability.proof.sampled import prove_sampled
 from railenv.stability.proof.uncertain import MOST_TESTS as MOST_FAMILY_TESTS
 from railenv.stability.proof.uncertain import prove_uncertain
 from railenv.stability.sampled_loop import SampledLoop
-from railenv.stability.uncertain import NAMES, UncertainDelaySystem
+from railenv.stability.uncertain import UncertainDelaySystem
 from railenv.units import FloatArray
 
 MOST_BOX_TESTS = 200_000
@@ -159,12 +159,4 @@ def plain_system(system: DelaySystem) -> dict[str, Any]:
 
 def plain_family(loops: UncertainDelaySystem) -> dict[str, Any]:
     """Return a family's numbers as lists."""
-    return {
-        **plain_system(loops.nominal),
-        "kind": "uncertain delay system",
-        **{f"{name}_radius": getattr(loops, f"{name}_radius").tolist() for name in NAMES},
-        "directions": [
-            {name: matrix.tolist() for name, matrix in zip(NAMES, direction, strict=True)}
-            for direction in loops.directions
-        ],
-    }
+    return {**loops.to_plain(), "feedthrough": loops.nominal.feedthrough.tolist()}
