@@ -229,11 +229,17 @@ def _loop(parser: argparse.ArgumentParser, own: bool = False, required: bool = T
             metavar="FILE.npz",
             help="a loop of your own: arrays A, B, K; or a sampled one: A, B, C, Dc, period",
         )
+    # Only `certify` does without a loop (--verify), and it takes feedback as continuous.
+    period = (
+        "time between commands [s] (0.01)"
+        if required
+        else "commands are sampled and held for this time [s] (continuous feedback)"
+    )
     for option, default, text in (
         ("--layout", "4", "passive, 2 or 4 (4)"),
         ("--speed-kmh", "300", "running speed [km/h] (300)"),
         ("--vehicle", "paper_fit", "name of a vehicle (paper_fit)"),
-        ("--control-period", "0.01", "time between commands [s] (0.01)"),
+        ("--control-period", "0.01", period),
         ("--actuator-lag", "0", "first-order lag of the actuators [s] (0)"),
     ):
         parser.add_argument(option, default=Default(default), help=text)

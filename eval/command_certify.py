@@ -97,7 +97,7 @@ def _plain(certificate: Certificate, saved: str | None) -> dict[str, Any]:
 
 def _print(title: str, certificate: Certificate, options: argparse.Namespace) -> None:
     print(title)
-    print(f"  {certificate.verdict}: {claim_text(certificate.claim)}")
+    print(f"  {certificate.verdict}: {claim_text(certificate.claim, certificate.verdict)}")
     if certificate.reason:
         print(f"  {certificate.reason}")
     word = "proved" if certificate.proved else "tried for"
@@ -105,8 +105,11 @@ def _print(title: str, certificate: Certificate, options: argparse.Namespace) ->
     print(f"  {word} {'in ' if certificate.proved else ''}{certificate.seconds:.2f} s{saved}")
 
 
-def claim_text(claim: dict[str, Any]) -> str:
-    """Return the question of a certificate in words."""
+def claim_text(claim: dict[str, Any], verdict: str = "STABLE") -> str:
+    """Return the question of a certificate in words; unstable is a set if one of it is."""
+    every, combination = "every constant delay", "every combination of independent delays"
+    if verdict == "UNSTABLE":
+        every, combination = "at some constant delay", "at some combination of independent delays"
     if claim["kind"] == "jitter":
         low = high = claim["delays"]
     else:
@@ -115,10 +118,10 @@ def claim_text(claim: dict[str, Any]) -> str:
         shown = ", ".join(f"{1000 * tau:.6g}" for tau in dict.fromkeys(low))
         text = f"delay {shown} ms"
     elif len(low) == 1 or claim["kind"] == "sampled":
-        text = f"every constant delay from {1000 * low[0]:.6g} to {1000 * high[0]:.6g} ms"
+        text = f"{every} from {1000 * low[0]:.6g} to {1000 * high[0]:.6g} ms"
     else:
         parts = [f"{1000 * a:.6g} to {1000 * b:.6g}" for a, b in zip(low, high, strict=True)]
-        text = f"every combination of independent delays in {', '.join(parts)} ms"
+        text = f"{combination} in {', '.join(parts)} ms"
     region = claim.get("region") or {"decay_rate": claim.get("decay_rate"), "damping_ratio": None}
     if region["damping_ratio"] is not None:
         text += (
@@ -128,10 +131,13 @@ def claim_text(claim: dict[str, Any]) -> str:
     elif region["decay_rate"]:
         text += f", decay rate {region['decay_rate']:g} 1/s"
     if claim["kind"] == "uncertain":
-        text += ", every member of the family"
+        text += ", some member" if verdict == "UNSTABLE" else ", every member"
+        text += " of the family"
     if claim["kind"] == "jitter":
         who = "all channels together" if claim["common"] else "each channel by itself"
         text += f" and up to {1000 * claim['jitter']:.6g} ms more, varying in time, {who}"
+        if verdict == "UNSTABLE":
+            text += ": for some of these"
     if claim["kind"] == "sampled":
         text += f", sampled every {1000 * claim['period']:g} ms"
         if claim["told_error"]:
@@ -145,6 +151,12 @@ def _listed(value: Any) -> list[float]:
 
 def _verify(options: argparse.Namespace) -> int:
     """Re-check a certificate; with a loop beside it, that it is about this very loop."""
+    for name in ("delay", "save", "jitter", "decay_rate", "damping_ratio", "told_error"):
+        if getattr(options, name) is not None:
+            raise ArgumentError(
+                f"--{name.replace('_', '-')} says what to prove; --verify re-checks what the file "
+                "claims: drop one of the two"
+            )
     meant = None
     if options.controller is not None or options.system is not None:
         meant, _ = _loop(options)
@@ -167,8 +179,9 @@ def _verify(options: argparse.Namespace) -> int:
         raise RailenvError(f"{options.verify} is rejected: {'; '.join(result.reasons)}")
     if not options.json:
         print(f"{options.verify}: accepted")
-        print(f"  {certificate['verdict']}: {claim_text(certificate['claim'])}")
-        if certificate["verdict"] == "UNSTABLE":
+        verdict = certificate["verdict"]
+        print(f"  {verdict}: {claim_text(certificate['claim'], verdict)}")
+        if verdict == "UNSTABLE":
             # The file's own words are not checked; these numbers are.
             roots = certificate["unstable_roots"]
             print(f"  unstable roots: {'more than can be counted' if roots is None else roots}")

@@ -294,9 +294,9 @@ def command_roots(options: argparse.Namespace) -> None:
         f"{_loop_name(options, vehicle)}, delay {options.delay} s, method {method}"
         + (f":{order}" if order is not None else "")
     )
-    growing = sum(root["re"] > 0.0 for root in answers)
+    verdict = _verdict(answers)
     word = "proved" if proved else "not proved"
-    print(f"  {'UNSTABLE' if growing else 'stable'} at this delay (continuous feedback, {word})")
+    print(f"  {verdict} at this delay (continuous feedback, {word})")
     print("         re [1/s]      im [1/s]  |s|/2pi [Hz]  damping ratio  mode")
     for root in answers:
         print(
@@ -308,6 +308,15 @@ def command_roots(options: argparse.Namespace) -> None:
             f"  complete: no other root is right of {region:.6g} 1/s; each is enclosed to "
             f"{max(root['radius'] for root in answers):.1e} 1/s"
         )
+
+
+def _verdict(answers: list[dict[str, Any]]) -> str:
+    """Say where the rightmost root is; a ball that meets the imaginary axis decides nothing."""
+    if any(root["re"] > root.get("radius", 0.0) for root in answers):
+        return "UNSTABLE"
+    if any(root["re"] >= -root.get("radius", 0.0) for root in answers):
+        return "a root on the imaginary axis, or not told from it: neither stable nor unstable"
+    return "stable"
 
 
 def _enclosed(

@@ -102,6 +102,39 @@ def test_a_saved_certificate_is_accepted_and_an_altered_one_is_not(
     assert "rejected" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--delay", "--save", "--jitter", "--decay-rate"])
+def test_verify_takes_no_question_of_its_own(
+    capsys, scalar_file: str, tmp_path: Path, option: str
+) -> None:
+    path = str(tmp_path / "certificate.json")
+    main(["certify", "--system", scalar_file, "--delay", "1", "--save", path])
+    assert main(["certify", "--verify", path, option, "1"]) == 2
+    assert option in capsys.readouterr().err
+
+
+def test_an_unstable_interval_is_said_to_be_so_at_some_delay(capsys, scalar_file: str) -> None:
+    main(["certify", "--system", scalar_file, "--delay", "0:2"])
+    assert "UNSTABLE: at some constant delay from 0 to 2000 ms" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("A", "K", "word"),
+    [
+        ([[0.0]], [[0.0]], "neither stable nor unstable"),
+        ([[0.0, 1.0], [-1.0, 0.0]], [[0.0, 0.0]], "neither stable nor unstable"),
+        ([[-1.0]], [[0.0]], "stable at this delay"),
+        ([[1.0]], [[0.0]], "UNSTABLE"),
+    ],
+)
+def test_roots_on_the_axis_are_not_called_stable(
+    capsys, tmp_path: Path, A: list, K: list, word: str
+) -> None:
+    path = tmp_path / "loop.npz"
+    np.savez(path, A=np.array(A), B=np.ones((len(A), 1)), K=np.array(K))
+    assert main(["roots", "--system", str(path), "--delay", "0.1", "--count", "1"]) == 0
+    assert word in capsys.readouterr().out.splitlines()[1]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

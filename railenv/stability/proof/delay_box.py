@@ -29,7 +29,7 @@ from railenv.stability.spectrum import rightmost_roots
 _FIRST_BITS = 128
 _MOST_BITS = 4096
 # Pieces of one contour; the vehicle's has some 250.
-_MOST_PIECES = 40_000
+_MOST_PIECES = 10_000
 # Corners of a box that are looked at before the proof is tried.
 _MOST_CORNERS = 32
 # Next to a crossing or a touch the exclusion becomes long; the list of crossings then is the proof.
