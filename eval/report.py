@@ -15,6 +15,7 @@ from eval.records import RECORDS_FILE, read_records, write_text
 from eval.summary import (
     HIGHLIGHTED_GAIN,
     Group,
+    evidence_text,
     first_diverged,
     groups_of,
     label,
@@ -104,7 +105,7 @@ def _page(records: dict[str, Any], progress: Callable[[str], None] | None = None
         "groups": groups,
         "tables": tables,
         "answer": answer(groups, chosen),
-        "evidence": _evidence(groups),
+        "evidence": evidence_text(groups),
         "cards": [_card(g, groups) for g in chosen if g.stability],
         "chosen_rows": [(g.controller, g.layout, f"{g.speed:g}") for g in chosen],
         "legend_entries": [style for style in styles.values() if style["used"]],
@@ -221,19 +222,3 @@ def _card(group: Group, groups: Sequence[Group]) -> dict[str, Any]:
         "title": f"{layout_words(group.layout)}, {label(group.controller)}",
         "details": details,
     }
-
-
-def _evidence(groups: Sequence[Group]) -> str:
-    known = [g for g in groups if g.stability]
-    if not known:
-        return "No critical delay was computed."
-    parts = []
-    exact = [g for g in known if not g.estimated]
-    if exact:
-        proved = sum(bool(g.stability.get("proved")) for g in exact)
-        words = {0: "exact to rounding, not proved", len(exact): "proved"}
-        some = f"exact to rounding, proved for {proved} of {len(exact)} loops"
-        parts.append(f"Critical delays of linear controllers are {words.get(proved, some)}.")
-    if len(exact) < len(known):
-        parts.append("Those marked ~ are brackets from simulation, an estimate.")
-    return " ".join([*parts, "Comfort numbers are measured in simulation."])

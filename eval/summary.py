@@ -215,8 +215,7 @@ def summary_table(records: dict[str, Any]) -> str:
         lines += [*textwrap.wrap(_printable(title), WIDTH), *_text_table(heads, rows), ""]
     lines += textwrap.wrap(
         "-: none found up to the longest delay searched, or not known; ~: estimated by simulation; "
-        "*: diverged, or unstable at that delay. Critical delays are exact to rounding, not "
-        "proved, unless estimated.",
+        "*: diverged, or unstable at that delay. " + evidence_text(groups),
         WIDTH,
     )
     for failure in records["failures"]:
@@ -249,3 +248,23 @@ def _text_table(heads: list[str], rows: list[list[str]]) -> list[str]:
         ]
         lines.append("  ".join(parts).rstrip()[:WIDTH])
     return [lines[0], "-" * max(len(line) for line in lines), *lines[1:]]
+
+
+def evidence_text(groups: Sequence[Group]) -> str:
+    """Say which critical delays are proved and which are estimates."""
+    known = [g for g in groups if g.stability]
+    if not known:
+        return "No critical delay was computed."
+    parts = []
+    exact = [g for g in known if not g.estimated]
+    if exact:
+        proved = sum(bool(g.stability.get("proved")) for g in exact)
+        words = {0: "exact to rounding, not proved", len(exact): "proved"}
+        some = f"exact to rounding, proved for {proved} of {len(exact)} loops"
+        parts.append(
+            f"Continuous critical delays of linear controllers are {words.get(proved, some)}; "
+            "those with the hold are exact to rounding."
+        )
+    if len(exact) < len(known):
+        parts.append("Those marked ~ are brackets from simulation, an estimate.")
+    return " ".join([*parts, "Comfort numbers are measured in simulation."])
