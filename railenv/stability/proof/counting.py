@@ -35,6 +35,8 @@ _FIRST_PIECE = 0.01
 _GROWTH = 1.7
 _SHRINK = 0.5
 _NARROWEST = 1e-12
+# Lengths of contours are doubles.
+_LARGEST_EXPONENT = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +99,7 @@ def far_radius(h: Quasipolynomial, degree: int, largest: Sequence[Any]) -> float
         )
     target = (1 + leading) / 2
     exponent = -40
-    while exponent < 4000:
+    while exponent <= _LARGEST_EXPONENT:
         radius = arb(2) ** exponent
         total = arb(0)
         for p, exponents, size in zip(h.polynomials, h.exponents, largest, strict=True):

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from flint import Ordering, fmpq, fmpq_mpoly_ctx, fmpq_poly, fmpz_poly
+from flint import Ordering, fmpq_mpoly_ctx, fmpq_poly, fmpz, fmpz_poly
 
 from railenv.stability.proof.polynomials import UndecidedError
 
@@ -15,9 +15,9 @@ _LARGEST_FACTORED = 150
 def resultant(terms: list[Polynomial]) -> Any:
     """Return R(w), w = -s^2, primitive with integer coefficients, by the Bezout determinant."""
     r = len(terms) - 1
-    denominator = 1
+    denominator = fmpz(1)
     for p in terms:
-        denominator = denominator * p.denom() // _gcd(denominator, p.denom())
+        denominator = denominator.lcm(p.denom())
     f = [(p * denominator).numer() for p in terms]
     g = [p(fmpz_poly([0, -1])) for p in f[::-1]]
     matrix = [
@@ -43,10 +43,6 @@ def resultant(terms: list[Polynomial]) -> Any:
     even = [c if k % 2 == 0 else -c for k, c in enumerate(coefficients[0::2])]
     polynomial = fmpz_poly(even)
     return polynomial // fmpz_poly([polynomial.content()])
-
-
-def _gcd(a: Any, b: Any) -> Any:
-    return fmpq(a, b).p and a // fmpq(a, b).p if a else b
 
 
 def _determinant(matrix: list[list[Any]]) -> Any:
