@@ -1,14 +1,22 @@
 """Delay values, the delay line, limits, and the exact holds."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from railenv.actuation import ActuatorSpec, DelayLine, DelaySpec, held_input, ramped_input
+from railenv.actuation import (
+    ActuatorSpec,
+    DelayLine,
+    DelaySpec,
+    held_input,
+    ramped_input,
+    split_delay,
+)
 from railenv.errors import ArgumentError
-from railenv.simulation.stepping import arriving
 
 A = np.array([[0.0, 1.0], [-40.0, -0.6]])
 B = np.array([[0.0], [2.0]])
@@ -29,38 +37,161 @@ def test_a_wrong_number_of_delays_is_refused_with_both_numbers() -> None:
         DelaySpec((0.1, 0.2)).per_channel(4)
 
 
+def test_the_sensors_share_is_added_to_every_channel() -> None:
+    spec = DelaySpec((0.1, 0.2), sensor_delay=0.05)
+    # one sum
+    np.testing.assert_allclose(spec.per_channel(2), [0.15, 0.25], rtol=1e-15)
+
+
+def test_the_longest_delay_has_every_part_in_it() -> None:
+    # two sums
+    assert DelaySpec((0.1, 0.2), sensor_delay=0.05, jitter=0.02).longest == pytest.approx(0.27)
+
+
+@pytest.mark.parametrize("name", ["dropout", "sensor_dropout"])
+@pytest.mark.parametrize("value", [-0.1, 1.0, np.nan, True, "half"])
+def test_a_probability_outside_of_its_range_is_refused_by_name(name: str, value: object) -> None:
+    with pytest.raises(ArgumentError, match=rf"^{name} "):
+        DelaySpec(0.1, **{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["sensor_delay", "jitter"])
+def test_a_negative_part_of_the_delay_is_refused_by_name(name: str) -> None:
+    with pytest.raises(ArgumentError, match=rf"^{name} "):
+        DelaySpec(0.1, **{name: -1e-9})
+
+
 @given(
     delay=st.floats(0.0, 1.0),
     time_step=st.sampled_from([0.001, 0.002, 0.0025, 0.005, 0.01]),
 )
 def test_whole_steps_and_remainder_add_up_to_the_delay(delay: float, time_step: float) -> None:
-    line = DelayLine(1, 1, time_step, 2)
-    line.reset(np.array([[delay]]))
-    whole, rest = int(line.whole_steps[0, 0]), float(line.remainder[0, 0])
-    assert 0.0 <= rest <= time_step
+    whole, rest = split_delay(np.array([delay]), time_step)
+    assert 0.0 <= rest[0] <= time_step
     # one rounding each in product and difference
-    assert whole * time_step + rest == pytest.approx(delay, abs=1e-15)
+    assert whole[0] * time_step + rest[0] == pytest.approx(delay, abs=1e-15)
+
+
+@pytest.mark.parametrize("time_step", [0.0025, 0.005, 0.01])
+def test_the_remainder_of_a_multiple_of_the_step_is_less_than_a_step(time_step: float) -> None:
+    numbers = np.arange(1, 301)
+    written = np.round(numbers * time_step, 6)
+    assert np.all(split_delay(written, time_step)[1] < time_step)
+
+
+Arrival = tuple[int, float, float]
+
+
+def arrivals(line: DelayLine, step: int, channel: int = 0) -> list[Arrival]:
+    """Take what arrives before the end of a physics step out of the queue, as the stepping does."""
+    queue, out = line.arrays, []
+    slots = queue.arrival_step.shape[1]
+    while queue.waiting[0, channel] > 0:
+        slot = queue.head[0, channel]
+        if queue.arrival_step[0, slot, channel] > step:
+            break
+        out.append(
+            (
+                int(queue.arrival_step[0, slot, channel]),
+                float(queue.arrival_rest[0, slot, channel]),
+                float(queue.arrival_force[0, slot, channel]),
+            )
+        )
+        queue.head[0, channel] = (slot + 1) % slots
+        queue.waiting[0, channel] -= 1
+    return out
+
+
+STEP, PER_COMMAND = 0.004, 3
+
+
+def played(
+    delay: float,
+    later: list[float],
+    lost: list[bool],
+    forces: list[float],
+    actuator: ActuatorSpec | None = None,
+) -> list[Arrival]:
+    """Every command that takes force, in the order in which they do."""
+    longest = delay + max(later)
+    actuator = ActuatorSpec(None) if actuator is None else actuator
+    line = DelayLine(1, 1, STEP, PER_COMMAND, longest, actuator)
+    line.start(np.array([0]), np.array([[delay]]))
+    out: list[Arrival] = []
+    last = len(later) * PER_COMMAND + int(longest / STEP) + 2
+    for step in range(last):
+        number = step // PER_COMMAND
+        if step % PER_COMMAND == 0 and number < len(later):
+            line.issue(
+                np.array([step]),
+                np.array([True]),
+                0,
+                1,
+                np.array([[forces[number]]]),
+                np.array([[later[number]]]),
+                np.array([[lost[number]]]),
+            )
+        out += arrivals(line, step)
+    assert line.arrays.waiting[0, 0] == 0
+    return out
 
 
 @given(
-    whole_steps=st.integers(0, 40),
-    steps_per_command=st.integers(1, 5),
-    periods=st.integers(1, 20),
+    delay=st.floats(0.0, 0.1),
+    sent=st.lists(st.tuples(st.floats(0.0, 0.06), st.booleans()), min_size=1, max_size=12),
 )
-def test_a_command_takes_force_its_whole_steps_after_its_issue(
-    whole_steps: int, steps_per_command: int, periods: int
+def test_of_the_commands_that_have_arrived_the_newest_acts(
+    delay: float, sent: list[tuple[float, bool]]
 ) -> None:
-    line = DelayLine(1, 1, 0.005, steps_per_command)
-    line.reset(np.array([[whole_steps * 0.005]]))
-    whole = int(line.whole_steps[0, 0])
-    for number in range(periods):
-        line.issue(np.array([[float(number + 1)]]))
-        for step in range(number * steps_per_command, (number + 1) * steps_per_command):
-            before, after, switches = arriving(line.commands[0], whole, 0, step, steps_per_command)
-            newest = (step - whole) // steps_per_command
-            assert after == (newest + 1 if newest >= 0 else 0)
-            assert switches == ((step - whole) % steps_per_command == 0)
-            assert before == (max(newest, 0) if switches else after)
+    later, lost = [t for t, _ in sent], [gone for _, gone in sent]
+    found = played(delay, later, lost, [float(k + 1) for k in range(len(sent))])
+    instants = [k * PER_COMMAND * STEP + delay + t for k, t in enumerate(later)]
+    for step, rest, _ in found:
+        assert 0.0 <= rest < STEP or rest == pytest.approx(STEP)
+        assert step >= 0
+    # By definition, at instants between two arrivals; 1e-12 is far above the rounding of either.
+    edges = sorted({*instants, 1e3})
+    for left, right in pairwise(edges):
+        if right - left < 1e-12:
+            continue
+        now = 0.5 * (left + right)
+        arrived = [k for k, at in enumerate(instants) if at <= now and not lost[k]]
+        acting = [force for step, rest, force in found if step * STEP + rest <= now]
+        assert (acting[-1] if acting else 0.0) == (max(arrived) + 1.0 if arrived else 0.0)
+
+
+def test_a_command_that_is_overtaken_never_acts() -> None:
+    # the first would arrive at 0.05, the second at 0.012 + 0.01
+    assert [force for *_, force in played(0.01, [0.04, 0.0], [False, False], [1.0, 2.0])] == [2.0]
+
+
+def test_a_lost_command_leaves_no_trace_in_the_rate_limit() -> None:
+    slow = ActuatorSpec(force_limit=None, rate_limit=1000.0 / (PER_COMMAND * STEP))
+    found = played(0.0, [0.0] * 3, [False, True, False], [1000.0, -5000.0, 5000.0], slow)
+    # from 1000 N on by at most 1000 N; a seen -5000 N would have made it 1000 N
+    assert [force for *_, force in found] == [1000.0, 2000.0]
+
+
+def test_the_rate_limit_counts_from_what_was_sent_and_not_from_what_was_wanted() -> None:
+    slow = ActuatorSpec(force_limit=2500.0, rate_limit=1000.0 / (PER_COMMAND * STEP))
+    found = played(0.0, [0.0] * 4, [False] * 4, [5000.0] * 4, slow)
+    assert [force for *_, force in found] == [1000.0, 2000.0, 2500.0, 2500.0]
+
+
+def test_a_start_empties_the_queue_of_its_lane_only() -> None:
+    line = DelayLine(2, 1, STEP, 1, 0.1, ActuatorSpec())
+    both = np.array([0, 1])
+    line.start(both, np.full((2, 1), 0.05))
+    one = np.ones((2, 1))
+    line.issue(both * 0, np.ones(2, dtype=bool), 0, 2, one, 0 * one, np.zeros((2, 1), dtype=bool))
+    line.start(np.array([0]), np.zeros((1, 1)))
+    assert line.arrays.waiting[:, 0].tolist() == [0, 1]
+
+
+def test_the_queue_holds_as_many_commands_as_the_longest_delay_can_keep_waiting() -> None:
+    # Every command as late as can be: none may be written over by one that comes around the ring.
+    found = played(0.1, [0.05] * 40, [False] * 40, [float(k) for k in range(40)])
+    assert [force for *_, force in found] == [float(k) for k in range(40)]
 
 
 def test_the_force_limit_cuts_and_the_rate_limit_slows() -> None:

@@ -1,7 +1,8 @@
 """The actuation channel: delay, hold, force and rate limits, lag."""
 
 from railenv.actuation.actuator import PAPER_FORCE_LIMIT, ActuatorSpec
-from railenv.actuation.delay import DelayLine, DelaySpec
+from railenv.actuation.delay import DelaySpec
+from railenv.actuation.delay_line import DelayLine, split_delay
 from railenv.actuation.hold import held_input, ramped_input
 
 __all__ = [
@@ -11,4 +12,5 @@ __all__ = [
     "DelaySpec",
     "held_input",
     "ramped_input",
+    "split_delay",
 ]

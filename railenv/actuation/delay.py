@@ -1,11 +1,15 @@
-"""Delay between measurement and force: the value that names it and the line that realises it.
+"""Delay between measurement and force: the value that names it.
 
-`DelaySpec` is read by the simulator and by the stability oracle, so that both mean the same. A
-command computed from the measurement at time t_k takes force in channel i at t_k + delay_i and is
-held until the next one arrives. Delays are continuous: they are split into whole physics steps and
-a remainder that the exact stepping honours, and never rounded.
+A command computed from the measurement at time t_k takes force in channel i at t_k + delay_i and is
+held until the next one arrives. Simulator and stability oracle read the same value, so that both
+mean the same. Delays are continuous and never rounded.
+
+The delay has two parts, that of the sensors (measurement to controller) and that of the actuation
+(controller to force). In the loop only their sum counts: simulation and environment run on the
+clock of the measurements, and a command takes force by the sum after the measurement it answers.
 
 The sampled controller's own hold (about half a control period) is not part of the delay.
+`railenv.actuation.delay_line` realises it.
 """
 
 from collections.abc import Sequence
@@ -13,24 +17,34 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from railenv.errors import ArgumentError, check_not_negative
-from railenv.units import FloatArray, Second
+from railenv.units import Dimensionless, FloatArray, Second
 
 
 @dataclass(frozen=True)
 class DelaySpec:
-    """Constant delay of the actuation channels.
+    """Delay of the actuation channels and how it varies.
 
     Attributes:
-        delay: One delay for all channels, or one per channel [s].
+        delay: Controller to force, one for all channels or one per channel [s].
+        sensor_delay: Measurement to controller, added to every channel [s].
+        jitter: Each command is later by a draw from [0, jitter] [s], as the oracle's `jitter`.
+        common_jitter: Whether all channels share the draw.
+        dropout: Probability that a command is lost; the actuator holds its last one [1].
+        sensor_dropout: Probability that a measurement is lost; the controller sees the last [1].
 
     Raises:
-        ArgumentError: A delay is negative or not finite, or none is given.
+        ArgumentError: A time is negative or not finite, no delay is given, or a probability is
+            not in [0, 1).
     """
 
     delay: Second | tuple[Second, ...] = 0.0
+    sensor_delay: Second = 0.0
+    jitter: Second = 0.0
+    common_jitter: bool = False
+    dropout: Dimensionless = 0.0
+    sensor_dropout: Dimensionless = 0.0
 
     def __post_init__(self) -> None:
         if isinstance(self.delay, str):
@@ -43,9 +57,20 @@ class DelaySpec:
             object.__setattr__(self, "delay", values)
         else:
             object.__setattr__(self, "delay", check_not_negative("delay", self.delay, "seconds"))
+        for name in ("sensor_delay", "jitter"):
+            value = check_not_negative(name, getattr(self, name), "seconds")
+            object.__setattr__(self, name, value)
+        for name in ("dropout", "sensor_dropout"):
+            value = check_not_negative(name, getattr(self, name))
+            if value >= 1.0:
+                raise ArgumentError(
+                    f"{name} = {value:g} must be below 1: something has to arrive; give a "
+                    "probability in [0, 1)"
+                )
+            object.__setattr__(self, name, value)
 
     def per_channel(self, num_channels: int) -> FloatArray:
-        """Return the delays of all channels, shape (channels,) [s].
+        """Return the delays from measurement to force without jitter, shape (channels,) [s].
 
         Raises:
             ArgumentError: The number of delays is neither one nor `num_channels`.
@@ -56,49 +81,11 @@ class DelaySpec:
                     f"delay has {len(self.delay)} entries for {num_channels} channels; "
                     f"give one or {num_channels}"
                 )
-            return np.broadcast_to(np.array(self.delay), (num_channels,)).copy()
-        return np.full(num_channels, float(self.delay))
+            return np.broadcast_to(np.array(self.delay), (num_channels,)) + self.sensor_delay
+        return np.full(num_channels, float(self.delay) + self.sensor_delay)
 
-
-class DelayLine:
-    """Commands on their way to the actuators, for a batch of lanes.
-
-    Attributes:
-        commands: Ring of issued commands, shape (lanes, capacity, channels) [N]; command number j
-            lies in slot j modulo capacity. Before the first command every slot holds zero force.
-        whole_steps: Whole physics steps in each delay, shape (lanes, channels).
-        remainder: What is left of each delay, in [0, time_step), shape (lanes, channels) [s].
-        issued: Number of commands issued so far.
-
-    The compiled stepping reads the line; see `railenv.simulation.stepping.arriving`.
-    """
-
-    def __init__(
-        self, num_lanes: int, num_channels: int, time_step: float, steps_per_command: int
-    ) -> None:
-        self._time_step = time_step
-        self._steps_per_command = steps_per_command
-        self.issued = 0
-        self.whole_steps: NDArray[np.int64] = np.zeros((num_lanes, num_channels), dtype=np.int64)
-        self.remainder: FloatArray = np.zeros((num_lanes, num_channels))
-        self.commands: FloatArray = np.zeros((num_lanes, 2, num_channels))
-
-    def reset(self, delays: FloatArray) -> None:
-        """Empty the line and set the delays.
-
-        Args:
-            delays: Delay of every lane and channel, shape (lanes, channels) [s], not negative.
-        """
-        self.whole_steps = np.floor(delays / self._time_step).astype(np.int64)
-        # The quotient may round up to the next whole number: then the remainder would be negative.
-        self.whole_steps -= (delays < self.whole_steps * self._time_step).astype(np.int64)
-        self.remainder = np.minimum(delays - self.whole_steps * self._time_step, self._time_step)
-        longest = int(self.whole_steps.max(initial=0))
-        lanes, channels = delays.shape
-        self.commands = np.zeros((lanes, longest // self._steps_per_command + 3, channels))
-        self.issued = 0
-
-    def issue(self, commands: FloatArray) -> None:
-        """Send one command per lane and channel on its way, shape (lanes, channels) [N]."""
-        self.commands[:, self.issued % self.commands.shape[1]] = commands
-        self.issued += 1
+    @property
+    def longest(self) -> Second:
+        """Longest time from measurement to force, jitter included [s]."""
+        delay = max(self.delay) if isinstance(self.delay, tuple) else self.delay
+        return delay + self.sensor_delay + self.jitter

@@ -1,4 +1,4 @@
-"""Batch simulation of linear lateral vehicles with delayed actuators: the one physics loop.
+"""Simulation of one linear lateral vehicle in many lanes on recorded tracks.
 
 All lanes share the vehicle, the actuator and the step sizes; each lane has its own delays, track
 and start. One call of `advance` takes one command per lane and channel and moves every lane by one
@@ -10,11 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from railenv.actuation import ActuatorSpec, DelayLine, held_input, ramped_input
+from railenv.actuation import ActuatorSpec
 from railenv.errors import ArgumentError, check_positive
-from railenv.simulation.stepping import advance
+from railenv.simulation.batch import VehicleBatch
+from railenv.simulation.plant import PlantTable
 from railenv.units import FloatArray
-from railenv.vehicle import LateralVehicle, StateSpace, state_space
+from railenv.vehicle import LateralVehicle, StateSpace
 from railenv.vehicle.suspension import NUM_TRACK
 
 DEFAULT_CONTROL_PERIOD = 0.01
@@ -57,64 +58,54 @@ class LateralSimulation:
         specific_force: bool = False,
     ) -> None:
         self.vehicle = vehicle
-        self.outputs = tuple(outputs)
         self.actuator = ActuatorSpec() if actuator is None else actuator
         self.control_period = check_positive("control_period", control_period, "seconds")
-        self.time_step = check_positive("time_step", time_step, "seconds")
-        if self.time_step < SHORTEST_STEP:
-            raise ArgumentError(
-                f"time_step = {time_step:g} s is too short; give {SHORTEST_STEP:g} s or more"
-            )
+        self.time_step = check_time_step(time_step)
         self.steps_per_command = whole_multiple(
             "control_period", self.control_period, "time_step", self.time_step
         )
-        self.system: StateSpace = state_space(vehicle, specific_force=specific_force)
-        self._track_of_lane: NDArray[np.int64]
-        self._discretise()
-        self._start(1)
+        # What is recorded at every step serves for the start as well.
+        self.outputs = tuple(outputs)
+        self._table = PlantTable(
+            [vehicle], outputs, outputs, self.actuator, self.time_step, specific_force
+        )
+        self.system: StateSpace = self._table.systems[0]
+        self._start(1, 0.0)
 
-    def _discretise(self) -> None:
-        system, h = self.system, self.time_step
-        m = system.num_actuators
-        A, B = self.actuator.with_lag(system.A, system.actuator_input)
-        num_lags = A.shape[0] - system.A.shape[0]
-        track = np.vstack([system.B[:, m:], np.zeros((num_lags, 2 * NUM_TRACK))])
-        transition, held = held_input(A, B, h)
-        start, end = ramped_input(A, track[:, :NUM_TRACK], track[:, NUM_TRACK:], h)
-        self._A, self._B = A, B
-        self._transition = np.ascontiguousarray(transition.T)
-        self._held = np.ascontiguousarray(held.T)
-        self._ramp_start = np.ascontiguousarray(start.T)
-        self._ramp_end = np.ascontiguousarray(end.T)
-
-        C, D = system.output_rows(self.outputs)
-        through = D[:, :m]
-        # With a lag the force is a state of its own, no longer the arriving command.
-        by_state = np.hstack([C, through]) if num_lags else C
-        through = np.zeros_like(through) if num_lags else through
-        self._output_state = np.ascontiguousarray(by_state.T)
-        self._output_force = np.ascontiguousarray(through.T)
-        # No output reads the track's rates: they reach the bogie frames' roll acceleration only.
-        self._output_track = np.ascontiguousarray(D[:, m : m + NUM_TRACK].T)
-
-    def _start(self, num_lanes: int) -> None:
-        m = self.system.num_actuators
+    def _start(self, num_lanes: int, longest_delay: float) -> None:
         self.step_count = 0
-        self.state = np.zeros((num_lanes, self._A.shape[0]))
-        self.line = DelayLine(num_lanes, m, self.time_step, self.steps_per_command)
-        self._late = np.zeros((num_lanes, m, self._A.shape[0]))
-        self._last_command = np.zeros((num_lanes, m))
-        self.end_track()
+        self._batch = VehicleBatch(
+            self._table, num_lanes, self.steps_per_command, longest_delay, self.actuator
+        )
+        self._track: FloatArray | None = None
+        self._track_of_lane: NDArray[np.int64] = np.zeros(num_lanes, dtype=np.int64)
 
     @property
     def num_lanes(self) -> int:
         """Number of lanes, fixed by the last reset."""
-        return self.state.shape[0]
+        return len(self._batch.step)
 
     @property
     def time(self) -> float:
         """Time since the reset [s]."""
         return self.step_count * self.time_step
+
+    @property
+    def state(self) -> FloatArray:
+        """States of all lanes, forces of lagged actuators last, shape (lanes, states)."""
+        return self._batch.states()
+
+    @property
+    def amplitude(self) -> FloatArray:
+        """Largest amplitude of a vehicle's modes, shape (lanes,).
+
+        A mode of amplitude one moves the state by a vector of length one [m, rad, m/s, rad/s].
+        """
+        return np.abs(self._batch.lanes.state).max(axis=1)
+
+    def stop(self, lanes: NDArray[np.bool_]) -> None:
+        """Put the vehicles of some lanes to rest."""
+        self._batch.lanes.state[lanes] = 0.0
 
     def reset(
         self,
@@ -144,38 +135,39 @@ class LateralSimulation:
                 "delays holds a value that is negative, not finite or above "
                 f"{LONGEST_DELAY:g} s; give seconds"
             )
-        self._start(delays.shape[0])
-        self.line.reset(delays)
-        for r in np.unique(self.line.remainder):
-            _, effect = held_input(self._A, self._B, self.time_step - float(r))
-            lanes, channels = np.nonzero(self.line.remainder == r)
-            self._late[lanes, channels] = effect.T[channels]
+        num_lanes = delays.shape[0]
+        self._start(num_lanes, float(delays.max(initial=0.0)))
+        state = np.zeros((num_lanes, self._table.num_states))
         if initial_state is not None:
-            if initial_state.shape not in ((n,), (self.num_lanes, n)):
+            if initial_state.shape not in ((n,), (num_lanes, n)):
                 raise ArgumentError(
                     f"initial_state has shape {initial_state.shape}; it must be ({n},) or "
-                    f"({self.num_lanes}, {n})"
+                    f"({num_lanes}, {n})"
                 )
-            self.state[:, :n] = initial_state
+            state[:, :n] = initial_state
         if track_inputs is not None:
             if track_inputs.ndim != 3 or track_inputs.shape[2] != NUM_TRACK:
                 raise ArgumentError(
                     f"track_inputs has shape {track_inputs.shape}; "
                     f"it must be (tracks, steps + 1, {NUM_TRACK})"
                 )
-            self._flat, self._track = False, np.ascontiguousarray(track_inputs)
+            self._track = np.ascontiguousarray(track_inputs)
         if track_of_lane is not None:
+            tracks = 1 if self._track is None else len(self._track)
             self._track_of_lane = np.asarray(track_of_lane, dtype=np.int64)
-            if self._track_of_lane.shape != (self.num_lanes,) or np.any(
-                (self._track_of_lane < 0) | (self._track_of_lane >= self._track.shape[0])
+            if self._track_of_lane.shape != (num_lanes,) or np.any(
+                (self._track_of_lane < 0) | (self._track_of_lane >= tracks)
             ):
                 raise ArgumentError("track_of_lane must hold one existing track number per lane")
+        if self._track is not None:
+            self._batch.track[:, -1] = self._track[self._track_of_lane, 0]
+        everyone = np.arange(num_lanes, dtype=np.int64)
+        self._batch.start(everyone, np.zeros_like(everyone), delays, state)
 
     def end_track(self) -> None:
         """Go on on straight level track, whatever lies ahead."""
-        self._flat = True
-        self._track = np.zeros((1, self.steps_per_command + 1, NUM_TRACK))
-        self._track_of_lane = np.zeros(self.num_lanes, dtype=np.int64)
+        self._batch.end_track()
+        self._track = None
 
     def measure(self) -> FloatArray:
         """Return the outputs at the start of a run, shape (lanes, outputs).
@@ -183,9 +175,7 @@ class LateralSimulation:
         Only right after a reset, before the first force; later the last column of what `advance`
         returns is the present.
         """
-        return self.state @ self._output_state + (
-            self._track[self._track_of_lane, 0] @ self._output_track
-        )
+        return self._batch.sampled.copy()
 
     def advance(self, commands: FloatArray) -> FloatArray:
         """Advance every lane by one control period.
@@ -199,42 +189,37 @@ class LateralSimulation:
         Raises:
             ArgumentError: The commands have the wrong shape or are not finite, or the track ends.
         """
-        if commands.shape != self._last_command.shape:
+        batch = self._batch
+        if commands.shape != batch.commands.shape:
             raise ArgumentError(
-                f"commands has shape {commands.shape}; it must be {self._last_command.shape}"
+                f"commands has shape {commands.shape}; it must be {batch.commands.shape}"
             )
         if not np.all(np.isfinite(commands)):
             raise ArgumentError("commands holds a value that is not finite; give newtons")
-        end = self.step_count + self.steps_per_command
-        first = self.step_count
-        if not self._flat and end >= self._track.shape[1]:
-            last = (self._track.shape[1] - 1) * self.time_step
-            raise ArgumentError(f"the track ends after {last:g} s; give a longer one")
-        limited = self.actuator.limited(commands, self._last_command, self.control_period)
-        self._last_command = limited
-        self.line.issue(limited)
-        recorded = np.empty((self.num_lanes, self.steps_per_command, len(self.outputs)))
-        advance(
-            self.state,
-            self.line.commands,
-            self.line.whole_steps,
-            first,
-            0 if self._flat else first,
-            self.steps_per_command,
-            self._transition,
-            self._held,
-            self._late,
-            self._ramp_start,
-            self._ramp_end,
-            self._track,
-            self._track_of_lane,
-            self._output_state,
-            self._output_force,
-            self._output_track,
-            recorded,
-        )
+        first, end = self.step_count, self.step_count + self.steps_per_command
+        if self._track is not None:
+            if end >= self._track.shape[1]:
+                last = (self._track.shape[1] - 1) * self.time_step
+                raise ArgumentError(f"the track ends after {last:g} s; give a longer one")
+            batch.track[:] = self._track[self._track_of_lane, first : end + 1]
+        batch.commands[:] = commands
+        batch.advance(0, self.num_lanes)
         self.step_count = end
-        return recorded
+        return batch.recorded.copy()
+
+
+def check_time_step(time_step: float) -> float:
+    """Return a physics step.
+
+    Raises:
+        ArgumentError: It is not above zero, or shorter than `SHORTEST_STEP`.
+    """
+    step = check_positive("time_step", time_step, "seconds")
+    if step < SHORTEST_STEP:
+        raise ArgumentError(
+            f"time_step = {step:g} s is too short; give {SHORTEST_STEP:g} s or more"
+        )
+    return step
 
 
 # More periods than this are no run but a mistake.

@@ -1,144 +1,290 @@
-"""The compiled physics step of a linear vehicle: exact, lane by lane.
+"""The compiled physics step of linear vehicles: exact, lane by lane.
 
-One physics step of length h:
+The state is held in the vehicle's own modes (see `railenv.simulation.plant`), where the transition
+falls into blocks of two. One physics step of length h:
 
-    x <- Phi x + G(h) f_before + G(h - r) (f_after - f_before) + W_0 w_0 + W_1 w_1
+    z <- Phi z + Gamma w + G(h) f + sum over switches of G(h - r) (f_after - f_before)
 
-with the force of each channel switching from f_before to f_after at r inside the step, so that a
-delay needs no rounding, and the track input w linear over the step (first-order hold).
+w is the track input at the start of the step, linear over the step (first-order hold; z stands for
+the state less what the present input will still contribute, which halves the work), f the force at
+the start and r the instant inside the step at which a late command takes over, so that a delay
+needs no rounding.
 
 Every lane is computed on its own with a fixed order of operations: no matrix library, no
 reassociation, no reduction across lanes. A lane's numbers do not depend on how many lanes there
-are. Matrices are passed transposed so that the inner loops run over contiguous memory.
+are or on how they are shared among threads. Matrices are passed transposed so that the inner loops
+run over contiguous memory, and are indexed in full, through names taken before the loops: a view,
+or a field of a tuple, would touch the array's shared reference count, which threads fight for.
 
-Both compiled functions stand in this file, because the compiler's cache watches only the file of
-the function that is called: a change elsewhere would go on running as it was.
+Compiled functions that call each other stand in one file, because the compiler's cache
+watches only the file of the function that is called: a change elsewhere would go on running as it
+was.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from railenv.actuation.delay_line import QueueArrays
 from railenv.units import FloatArray
 
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
-@njit(cache=True, inline="always")
-def arriving(
-    commands: FloatArray,
-    whole_steps: int,
-    channel: int,
-    step: int,
-    steps_per_command: int,
-) -> tuple[float, float, bool]:
-    """Return the force in effect before and after the switch inside one physics step.
 
-    Command j is issued at physics step j * steps_per_command and takes force `whole_steps` steps
-    and the remainder later.
+class PlantArrays(NamedTuple):
+    """Matrices of every vehicle; n states, m channels, k track inputs, v = (z, w, f).
 
-    Args:
-        commands: One lane's ring, shape (capacity, channels).
-        whole_steps: Whole steps of this channel's delay.
-        channel: Channel number.
-        step: Physics step, counted from the start.
-        steps_per_command: Physics steps in one control period.
+    n is a multiple of four, and so is the number of rows of all that multiplies v or (w, f): states
+    and rows without meaning fill up, and stay zero.
 
-    Returns:
-        Force before [N], force after [N], and whether a switch falls into this step.
+    Attributes:
+        pairs: Phi of modes taken two by two, mode i with mode n/2 + i: the 2 x 2 blocks' entries
+            (here to here, there to here, here to there, there to there), shape (vehicles, 4, n/2).
+        full: Phi where the modes do not separate, shape (vehicles, n, n); else without vehicles.
+        inputs: Gamma and G(h) transposed, shape (vehicles, k + m or more, n).
+        ramp_end: W_1 transposed, shape (vehicles, k, n).
+        late: Chebyshev coefficients of G(s) over s in [0, h], shape (vehicles, terms, m, n).
+        record: Outputs of every step from v, transposed, shape
+            (vehicles, n + k + m or more, p).
+        sample: Outputs of every control period from v, transposed, shape
+            (vehicles, n + k + m or more, q).
+        time_step: h [s].
     """
-    elapsed = step - whole_steps
-    newest = elapsed // steps_per_command
-    capacity = commands.shape[0]
-    after = commands[newest % capacity, channel] if newest >= 0 else 0.0
-    if elapsed % steps_per_command != 0:
-        return after, after, False
-    before = commands[(newest - 1) % capacity, channel] if newest >= 1 else 0.0
-    return before, after, True
+
+    pairs: FloatArray
+    full: FloatArray
+    inputs: FloatArray
+    ramp_end: FloatArray
+    late: FloatArray
+    record: FloatArray
+    sample: FloatArray
+    time_step: float
 
 
-@njit(cache=True, nogil=True)
-def advance(
-    state: FloatArray,
-    commands: FloatArray,
-    whole_steps: NDArray[np.int64],
-    first_step: int,
-    first_on_track: int,
-    steps_per_command: int,
-    transition: FloatArray,
-    held: FloatArray,
-    late: FloatArray,
-    ramp_start: FloatArray,
-    ramp_end: FloatArray,
-    track: FloatArray,
-    track_of_lane: NDArray[np.int64],
-    output_state: FloatArray,
-    output_force: FloatArray,
-    output_track: FloatArray,
-    recorded: FloatArray,
+class LaneArrays(NamedTuple):
+    """What every lane carries from one call to the next.
+
+    Attributes:
+        vehicle: Number of its vehicle, shape (lanes,).
+        state: z, shape (lanes, n).
+        step: Physics steps since its start, shape (lanes,).
+        force: Command in effect, shape (lanes, m) [N].
+        late: G(h - r) for the latest r of each channel, shape (lanes, m, n).
+        late_rest: That r, shape (lanes, m) [s]; negative for none yet.
+        track: Track inputs at every step of the control period, shape (lanes, steps + 1, k).
+    """
+
+    vehicle: IntArray
+    state: FloatArray
+    step: IntArray
+    force: FloatArray
+    late: FloatArray
+    late_rest: FloatArray
+    track: FloatArray
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _accumulate(
+    matrix: FloatArray, vehicle: IntArray, v: FloatArray, out: FloatArray, width: int
 ) -> None:
-    """Advance every lane by one control period, in place.
+    """Add v times the rows of the vehicle's matrix, four at a time; their number is a multiple."""
+    for group in range(matrix.shape[1] // 4):
+        j = 4 * group
+        a, b, c, d = v[j], v[j + 1], v[j + 2], v[j + 3]
+        for i in range(width):
+            out[i] += (
+                matrix[vehicle, j, i] * a
+                + matrix[vehicle, j + 1, i] * b
+                + matrix[vehicle, j + 2, i] * c
+                + matrix[vehicle, j + 3, i] * d
+            )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _transition(
+    pairs: FloatArray, full: FloatArray, vehicle: IntArray, v: FloatArray, new: FloatArray
+) -> None:
+    """Set `new` to Phi z, with z the first entries of v."""
+    n = len(new)
+    if len(full):
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += full[vehicle, i, j] * v[j]
+            new[i] = total
+        return
+    half = n // 2
+    for i in range(half):
+        here, there = v[i], v[half + i]
+        new[i] = pairs[vehicle, 0, i] * here + pairs[vehicle, 1, i] * there
+        new[half + i] = pairs[vehicle, 2, i] * here + pairs[vehicle, 3, i] * there
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _late_effect(
+    coefficients: FloatArray,
+    vehicle: IntArray,
+    channel: int,
+    place: float,
+    late: FloatArray,
+    lane: int,
+    work: FloatArray,
+) -> None:
+    """Clenshaw's sum of the Chebyshev series of one column of G, at `place` in [-1, 1]."""
+    terms, n = coefficients.shape[1], coefficients.shape[3]
+    work[:] = 0.0
+    for k in range(terms - 1, 0, -1):
+        new, old = k % 2, (k + 1) % 2
+        for i in range(n):
+            work[new, i] = (
+                2.0 * place * work[old, i] - work[new, i] + coefficients[vehicle, k, channel, i]
+            )
+    for i in range(n):
+        late[lane, channel, i] = (
+            place * work[1, i] - work[0, i] + coefficients[vehicle, 0, channel, i]
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin(
+    plant: PlantArrays, lanes: LaneArrays, which: IntArray, modes: FloatArray, sampled: FloatArray
+) -> None:
+    """Set the state of some lanes and take their outputs before anything has moved.
 
     Args:
-        state: x, shape (lanes, n); overwritten.
-        commands: Delay line's ring, shape (lanes, capacity, m).
-        whole_steps: Whole steps in each delay, shape (lanes, m).
-        first_step: Physics step number at the start of the period.
-        first_on_track: Where that step lies in `track`.
-        steps_per_command: Physics steps in the period.
-        transition: Phi transposed, shape (n, n).
-        held: G(h) transposed, shape (m, n).
-        late: G(h - r) transposed for each lane and channel, shape (lanes, m, n).
-        ramp_start: W_0 transposed, shape (k, n).
-        ramp_end: W_1 transposed, shape (k, n).
-        track: Track inputs at every physics step, shape (tracks, steps + 1, k).
-        track_of_lane: Which track each lane runs on, shape (lanes,).
-        output_state: C transposed, shape (n, p).
-        output_force: D's actuator columns transposed, shape (m, p).
-        output_track: D's track columns transposed, shape (k, p).
-        recorded: Outputs at the end of each physics step, just before any switch that falls on that
-            instant, shape (lanes, steps_per_command, p); overwritten.
+        plant: Matrices by vehicle.
+        lanes: Vehicles, forces, and the track input now in `track[:, -1]`; its states are set.
+        which: Lane numbers, shape (count,).
+        modes: xi of these lanes, shape (count, n).
+        sampled: Outputs, shape (lanes, q); overwritten for these lanes.
     """
-    lanes, n = state.shape
-    m = held.shape[0]
-    k = ramp_start.shape[0]
-    p = output_state.shape[1]
+    sample_rows, ramp_end = (plant.sample, plant.ramp_end)
+    state, force_of, track, vehicle_of = (lanes.state, lanes.force, lanes.track, lanes.vehicle)
+    n, m, k = state.shape[1], force_of.shape[1], track.shape[2]
+    q = sample_rows.shape[2]
+    v = np.zeros(sample_rows.shape[1])
+    share = np.empty(n)
+    y = np.empty(q)
+    for number in range(len(which)):
+        lane = which[number]
+        vehicle = vehicle_of[lane]
+        for j in range(k):
+            v[n + j] = track[lane, -1, j]
+        for c in range(m):
+            v[n + k + c] = force_of[lane, c]
+        share[:] = 0.0
+        _accumulate(ramp_end, vehicle, v[n:], share, n)
+        for i in range(n):
+            v[i] = modes[number, i] - share[i]
+            state[lane, i] = v[i]
+        y[:] = 0.0
+        _accumulate(sample_rows, vehicle, v, y, q)
+        for i in range(q):
+            sampled[lane, i] = y[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(
+    plant: PlantArrays,
+    lanes: LaneArrays,
+    queue: QueueArrays,
+    active: BoolArray,
+    first: int,
+    end: int,
+    recorded: FloatArray,
+    sampled: FloatArray,
+) -> None:
+    """Advance lanes by one control period, in place.
+
+    Args:
+        plant: Matrices by vehicle.
+        lanes: States, forces, track; changed.
+        queue: Commands on their way; changed.
+        active: Lanes that take part, shape (lanes,).
+        first: First lane.
+        end: One past the last lane.
+        recorded: Outputs at the end of each step, just before any switch that falls on that
+            instant, shape (lanes, steps, p); overwritten.
+        sampled: Outputs at the end of the period, shape (lanes, q); overwritten.
+    """
+    record_rows, sample_rows, input_rows = plant.record, plant.sample, plant.inputs
+    pairs, full, h = plant.pairs, plant.full, plant.time_step
+    state, force_of, track, vehicle_of, step_of, late_rest, late = (
+        lanes.state,
+        lanes.force,
+        lanes.track,
+        lanes.vehicle,
+        lanes.step,
+        lanes.late_rest,
+        lanes.late,
+    )
+    arrival_step, waiting, head, arrival_rest, arrival_force = (
+        queue.arrival_step,
+        queue.waiting,
+        queue.head,
+        queue.arrival_rest,
+        queue.arrival_force,
+    )
+    n = state.shape[1]
+    m = force_of.shape[1]
+    k = track.shape[2]
+    p, q = record_rows.shape[2], sample_rows.shape[2]
+    slots = arrival_step.shape[1]
+    steps = track.shape[1] - 1
+    # Rows come in fours: what v has too few stays zero.
+    v = np.zeros(sample_rows.shape[1])
+    driven = v[n:]
     new = np.empty(n)
-    force = np.empty(m)
-    for lane in range(lanes):
-        x = state[lane]
-        line = track[track_of_lane[lane]]
-        for substep in range(steps_per_command):
-            step = first_step + substep
-            place = first_on_track + substep
-            w_0, w_1 = line[place], line[place + 1]
-            new[:] = 0.0
-            for j in range(n):
-                x_j = x[j]
-                for i in range(n):
-                    new[i] += transition[j, i] * x_j
-            for channel in range(m):
-                before, after, switches = arriving(
-                    commands[lane], whole_steps[lane, channel], channel, step, steps_per_command
-                )
-                force[channel] = after
-                for i in range(n):
-                    new[i] += held[channel, i] * before
-                if switches:
-                    change = after - before
+    work = np.empty((2, n))
+    y = np.empty(p)
+    last = np.empty(q)
+    for lane in range(first, end):
+        if not active[lane]:
+            continue
+        vehicle = vehicle_of[lane]
+        for i in range(n):
+            v[i] = state[lane, i]
+        for c in range(m):
+            v[n + k + c] = force_of[lane, c]
+        for substep in range(steps):
+            step = step_of[lane] + substep
+            for j in range(k):
+                v[n + j] = track[lane, substep, j]
+            _transition(pairs, full, vehicle, v, new)
+            _accumulate(input_rows, vehicle, driven, new, n)
+            for c in range(m):
+                while waiting[lane, c] > 0:
+                    slot = head[lane, c]
+                    if arrival_step[lane, slot, c] > step:
+                        break
+                    rest = arrival_rest[lane, slot, c]
+                    if rest != late_rest[lane, c]:
+                        place = 2.0 * (h - rest) / h - 1.0
+                        _late_effect(plant.late, vehicle, c, place, late, lane, work)
+                        late_rest[lane, c] = rest
+                    change = arrival_force[lane, slot, c] - v[n + k + c]
                     for i in range(n):
-                        new[i] += late[lane, channel, i] * change
+                        new[i] += late[lane, c, i] * change
+                    v[n + k + c] = arrival_force[lane, slot, c]
+                    head[lane, c] = slot + 1 if slot + 1 < slots else 0
+                    waiting[lane, c] -= 1
+            for i in range(n):
+                v[i] = new[i]
             for j in range(k):
-                for i in range(n):
-                    new[i] += ramp_start[j, i] * w_0[j] + ramp_end[j, i] * w_1[j]
-            x[:] = new
-            y = recorded[lane, substep]
+                v[n + j] = track[lane, substep + 1, j]
             y[:] = 0.0
-            for j in range(n):
-                x_j = x[j]
-                for i in range(p):
-                    y[i] += output_state[j, i] * x_j
-            for channel in range(m):
-                for i in range(p):
-                    y[i] += output_force[channel, i] * force[channel]
-            for j in range(k):
-                for i in range(p):
-                    y[i] += output_track[j, i] * w_1[j]
+            _accumulate(record_rows, vehicle, v, y, p)
+            for i in range(p):
+                recorded[lane, substep, i] = y[i]
+        last[:] = 0.0
+        _accumulate(sample_rows, vehicle, v, last, q)
+        for i in range(q):
+            sampled[lane, i] = last[i]
+        for i in range(n):
+            state[lane, i] = v[i]
+        for c in range(m):
+            force_of[lane, c] = v[n + k + c]
+        step_of[lane] += steps

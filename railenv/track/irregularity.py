@@ -257,6 +257,41 @@ def realise(
     Raises:
         ArgumentError: A value is out of range.
     """
+    reach = check_positive("length", length, "m") + longest_wavelength
+    step, period = one_period(
+        spectrum, reach, seed, spacing, shortest_wavelength, longest_wavelength, channels
+    )
+    values = {channel: heights[: _points_for(length, step)] for channel, heights in period.items()}
+    return Track(spectrum.name, step, values).begun(taper)
+
+
+def one_period(
+    spectrum: Spectrum,
+    reach: float,
+    seed: int | np.random.SeedSequence,
+    spacing: float | None = None,
+    shortest_wavelength: float = 2.0,
+    longest_wavelength: float = 200.0,
+    channels: Sequence[str] = CHANNELS,
+) -> tuple[float, dict[str, FloatArray]]:
+    """Realise one whole period of a spectrum, without a beginning and without an end.
+
+    Args:
+        spectrum: What to realise.
+        reach: Shortest period wanted [m].
+        seed: See `realise`.
+        spacing: Grid step [m]; see `realise`.
+        shortest_wavelength: Lower end of the band [m].
+        longest_wavelength: Upper end of the band [m].
+        channels: The channels to draw.
+
+    Returns:
+        The grid step [m] and, by channel, the irregularity [m] on a grid that goes on with its own
+        first point after the last.
+
+    Raises:
+        ArgumentError: A value is out of range.
+    """
     lower, upper = band(shortest_wavelength, longest_wavelength)
     step = shortest_wavelength / _POINTS_PER_SHORTEST_WAVE
     if spacing is not None:
@@ -266,11 +301,11 @@ def realise(
             f"spacing = {step:g} m is too coarse for waves of {shortest_wavelength:g} m; give at "
             f"most {shortest_wavelength / _FEWEST_POINTS_PER_WAVE:g} m"
         )
-    reach = check_positive("length", length, "m") + longest_wavelength
-    period = max(reach, _LONGEST_WAVES_PER_PERIOD * longest_wavelength)
+    wanted = check_positive("reach", reach, "m")
+    period = max(wanted, _LONGEST_WAVES_PER_PERIOD * longest_wavelength)
     if period > _MOST_POINTS * step:
         raise ArgumentError(
-            f"length = {length:g} m needs more than {_MOST_POINTS} grid points; give a shorter "
+            f"a track of {reach:g} m needs more than {_MOST_POINTS} grid points; give a shorter "
             "track or a coarser spacing"
         )
     points = 2 ** math.ceil(math.log2(period / step))
@@ -286,8 +321,8 @@ def realise(
         transform = np.zeros(points // 2 + 1, dtype=np.complex128)
         # sqrt(S_2 N / dx), with S_2 = variance / (2 harmonic_step)
         transform[harmonics] = points * np.sqrt(0.5 * variance) * np.exp(1j * phase)
-        values[channel] = np.fft.irfft(transform, points)[: _points_for(length, step)]
-    return Track(spectrum.name, step, values).begun(taper)
+        values[channel] = np.fft.irfft(transform, points)
+    return step, values
 
 
 def flat(length: float) -> Track:
@@ -335,7 +370,7 @@ def make_track(spec: str, length: float, seed: int | np.random.SeedSequence) -> 
         InputFileError: A measured file cannot be used.
     """
     needed = check_positive("length", length, "m")
-    name, settings = _split(spec)
+    name, settings = parse_spec(spec)
     if name.lower().endswith(".csv"):
         track = read_csv(name)
         if track.length + _END_TOLERANCE * track.spacing < needed:
@@ -357,8 +392,18 @@ def make_track(spec: str, length: float, seed: int | np.random.SeedSequence) -> 
     return Track(spec, track.spacing, track.channels)
 
 
-def _split(spec: str) -> tuple[str, dict[str, float]]:
-    """Split a description into its name and its settings; a path may hold colons of its own."""
+def parse_spec(spec: str) -> tuple[str, dict[str, float]]:
+    """Split a track's description into its name and its settings.
+
+    Args:
+        spec: See `make_track`; a path may hold colons of its own.
+
+    Returns:
+        Name, and by setting its value; "level" always, "taper" if given.
+
+    Raises:
+        ArgumentError: A setting is unknown, given twice or no number.
+    """
     measured = re.fullmatch(r"(.*\.csv)(?:(:)(.*))?", spec, re.IGNORECASE | re.DOTALL)
     name, colon, text = measured.groups("") if measured else spec.partition(":")
     settings = {"level": 1.0}
