@@ -10,7 +10,7 @@ from scipy.signal import sosfilt
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import sensor_names
 from railenv.envs.rail_env import Lateral17Env
-from railenv.metrics import weighting_filter
+from railenv.metrics.ride_filter import ride_filter, ride_index_from_mean_square
 from railenv.simulation import LateralSimulation, required_length, wheelset_inputs
 from railenv.track import make_track
 from railenv.vehicle import lateral17
@@ -20,10 +20,12 @@ SPEED, PERIOD, STEP, DELAY, SECONDS, SEED = 200.0, 0.02, 0.004, 0.013, 4.0, 11
 # The force limit lies above the scale: below it, a box that is not kept would not show.
 SCALE, FORCE_LIMIT, RATE_LIMIT, LAG = 2500.0, 4000.0, 1.5e5, 0.004
 REFERENCE, CAP, EFFORT_WEIGHT = 0.2, 0.75, 0.3
+STROKE_WEIGHT, STROKE_REFERENCE = 0.4, 0.003
 PERIODS, SUBSTEPS = round(SECONDS / PERIOD), round(PERIOD / STEP)
 SENSORS = sensor_names("4")
 FLOORS = ("floor_front_lateral_acceleration", "floor_rear_lateral_acceleration")
 FORCES = tuple(f"actuator_force_{k}" for k in (1, 2, 3, 4))
+STROKES = tuple(f"suspension_stroke_{k}" for k in (1, 2, 3, 4))
 
 # The same compiled arithmetic on the same numbers: only sums of another order may differ.
 ROUNDING = 1e-12
@@ -38,6 +40,7 @@ class Episode:
     wanted: np.ndarray
     applied: np.ndarray
     observation_names: tuple[str, ...]
+    observation_scales: np.ndarray
     observations: np.ndarray
     rewards: np.ndarray
     ends: list[tuple[bool, bool]]
@@ -71,6 +74,8 @@ def episode() -> Episode:
         comfort_reference=REFERENCE,
         comfort_cap=CAP,
         effort_weight=EFFORT_WEIGHT,
+        stroke_weight=STROKE_WEIGHT,
+        stroke_reference=STROKE_REFERENCE,
     )
     env.reset(seed=0, options={"track_seed": SEED})
     steps = [env.step(action) for action in wanted]
@@ -78,7 +83,7 @@ def episode() -> Episode:
     vehicle = lateral17("paper_fit", 4, SPEED)
     simulation = LateralSimulation(
         vehicle,
-        (*SENSORS, *FLOORS, *FORCES),
+        (*SENSORS, *FLOORS, *FORCES),  # the strokes are sensors
         actuator=ActuatorSpec(FORCE_LIMIT, RATE_LIMIT, LAG),
         control_period=PERIOD,
         time_step=STEP,
@@ -92,6 +97,7 @@ def episode() -> Episode:
         wanted,
         applied,
         env.observation_names,
+        env.observation_scales,
         np.array([step[0] for step in steps]),
         np.array([step[1] for step in steps]),
         [step[2:4] for step in steps],
@@ -100,12 +106,22 @@ def episode() -> Episode:
     )
 
 
-def weighted(episode: Episode) -> np.ndarray:
-    """Root mean square of the Wd-weighted floor accelerations, per control period [m/s^2]."""
+def filtered_squares(episode: Episode) -> np.ndarray:
+    """Squares behind the ride filter at both floor ends, shape (2, periods, substeps)."""
     floors = np.array([episode.recorded[name].reshape(-1) for name in FLOORS])
-    filtered = sosfilt(weighting_filter("Wd", 1.0 / STEP), floors, axis=-1)
-    squares = np.square(filtered).reshape(2, PERIODS, SUBSTEPS)
-    return np.sqrt(squares.mean(axis=(0, 2)))
+    filtered = sosfilt(ride_filter(1.0 / STEP), floors, axis=-1)
+    return np.square(filtered).reshape(2, PERIODS, SUBSTEPS)
+
+
+def weighted(episode: Episode) -> np.ndarray:
+    """Root mean square of the ride-filtered floor accelerations, per control period [m/s^2]."""
+    return np.sqrt(filtered_squares(episode).mean(axis=(0, 2)))
+
+
+def stroke_cost(episode: Episode) -> np.ndarray:
+    """What the strokes of the secondary suspension cost, per control period."""
+    squares = np.array([episode.recorded[name] ** 2 for name in STROKES]).mean(axis=(0, 2))
+    return -STROKE_WEIGHT * np.minimum(squares / STROKE_REFERENCE**2, 1.0)
 
 
 def test_the_command_is_the_clipped_action_in_newtons(episode: Episode) -> None:
@@ -124,8 +140,9 @@ def test_a_sensor_column_is_its_output_at_the_end_of_the_period(
     episode: Episode, sensor: str
 ) -> None:
     expected = episode.recorded[sensor][:, -1]
+    column = episode.observation_names.index(sensor)
     np.testing.assert_allclose(
-        episode.observations[:, episode.observation_names.index(sensor)],
+        episode.observations[:, column] * episode.observation_scales[column],
         expected,
         rtol=SINGLE,
         atol=ROUNDING * np.abs(expected).max(),
@@ -152,7 +169,9 @@ def test_time_advances_by_the_control_period(episode: Episode) -> None:
     )
 
 
-def test_the_weighted_acceleration_is_that_of_an_own_wd_filter(episode: Episode) -> None:
+def test_the_weighted_acceleration_is_that_of_scipys_run_of_the_ride_filter(
+    episode: Episode,
+) -> None:
     # the filter's memory is carried from call to call in one and not in the other: rounding only
     np.testing.assert_allclose(episode.info("weighted_acceleration"), weighted(episode), rtol=1e-9)
 
@@ -176,11 +195,36 @@ def test_effort_costs_the_mean_square_of_the_clipped_action(episode: Episode) ->
     np.testing.assert_allclose(episode.info("reward_effort"), expected, rtol=ROUNDING)
 
 
-def test_the_reward_is_comfort_and_effort_while_nothing_goes_wrong(episode: Episode) -> None:
+def test_the_stroke_costs_its_mean_square_over_the_reference_up_to_its_weight(
+    episode: Episode,
+) -> None:
+    # four squares per step and a mean
+    np.testing.assert_allclose(episode.info("reward_stroke"), stroke_cost(episode), rtol=1e-11)
+
+
+def test_this_episodes_strokes_lie_on_both_sides_of_their_limit(episode: Episode) -> None:
+    at_limit = stroke_cost(episode) == -STROKE_WEIGHT
+    assert 0.05 < at_limit.mean() < 0.95
+
+
+def test_the_reward_is_comfort_effort_and_stroke_while_nothing_goes_wrong(
+    episode: Episode,
+) -> None:
     comfort = -np.minimum(weighted(episode) / REFERENCE, CAP)
     effort = -EFFORT_WEIGHT * (episode.applied**2).mean(axis=1)
     # as for the weighted acceleration
-    np.testing.assert_allclose(episode.rewards, comfort + effort, rtol=1e-9)
+    np.testing.assert_allclose(episode.rewards, comfort + effort + stroke_cost(episode), rtol=1e-9)
+
+
+def test_the_running_ride_index_is_that_of_the_mean_square_since_the_start(
+    episode: Episode,
+) -> None:
+    sums = np.cumsum(filtered_squares(episode).sum(axis=2), axis=1)
+    means = sums / (SUBSTEPS * np.arange(1, PERIODS + 1))
+    # as for the weighted acceleration
+    np.testing.assert_allclose(
+        episode.info("ride_index"), np.array(ride_index_from_mean_square(means)).T, rtol=1e-9
+    )
 
 
 def test_an_action_is_flagged_as_clipped_exactly_when_it_leaves_the_box(episode: Episode) -> None:

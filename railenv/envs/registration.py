@@ -4,7 +4,12 @@ import gymnasium as gym
 
 LATERAL17 = "railenv/Lateral17-v0"
 
-_ENTRY_POINTS = {LATERAL17: "railenv.envs.rail_env:Lateral17Env"}
+_ENTRY_POINTS = {
+    LATERAL17: (
+        "railenv.envs.rail_env:Lateral17Env",
+        "railenv.envs.rail_vector_env:Lateral17VectorEnv",
+    )
+}
 
 
 def env_ids() -> list[str]:
@@ -14,6 +19,8 @@ def env_ids() -> list[str]:
 
 def register_envs() -> None:
     """Register every id that is not registered yet."""
-    for env_id, entry_point in _ENTRY_POINTS.items():
+    for env_id, (single, vector) in _ENTRY_POINTS.items():
         if env_id not in gym.registry:
-            gym.register(id=env_id, entry_point=entry_point)  # pyright: ignore[reportUnknownMemberType]
+            gym.register(  # pyright: ignore[reportUnknownMemberType]
+                id=env_id, entry_point=single, vector_entry_point=vector
+            )
