@@ -1,256 +1,31 @@
-"""`railenv bench-speed`: how long things take, beside another way to do them, in one run.
-
-A section is a list of entries; entries of one task answer the same question, the first of them is
-ours and the others are measured in its multiples. What an entry needs is prepared anew and not
-timed before every run, so that nothing is remembered from the run before.
-
-The oracle's yardstick is `eval.generic_delay`: dense eigenvalues of the collocated state history.
-For certificates it can only try a grid of delays, which proves nothing between them.
-"""
+"""`railenv bench-speed`: how long things take, beside another way to do them, in one run."""
 
 import argparse
-import importlib
-import itertools
 import shlex
-import statistics
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
 
-import numpy as np
-
-from baselines import SkyHook
 from eval.arguments import parse_whole, print_json, progress_bar
-from eval.generic_delay import (
-    generic_critical_delays,
-    generic_roots,
-    generic_unstable,
-    rightmost_first,
-)
+from eval.bench import Section, numeric_threads, timed_section
 from eval.records import provenance
 from railenv.errors import check_count, unknown_name
-from railenv.stability import DelaySystem, critical_delays, rightmost_roots
-from railenv.stability.certify import certify
-from railenv.units import ComplexArray
-from railenv.vehicle import lateral17
-
-START_UP = 1.0
-"""A first run shorter than this [s] is thrown away: imports and caches are in it."""
-
-LONG_ENOUGH = 10.0
-"""An entry that has run for this long in all [s] is not repeated any more."""
 
 
-Outcome = tuple[str, bool]
-"""The answer in a few words, alike for all that find the same, and whether it is proved."""
+def _oracle() -> Section:
+    from eval.bench_oracle import OracleQuestions, oracle_entries, vehicle_loop
+
+    return timed_section(oracle_entries(OracleQuestions(vehicle_loop)))
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One thing to be timed.
+def _env() -> Section:
+    from eval.bench_env import Sizes, env_section
 
-    Attributes:
-        task: The question.
-        method: Who answers it, and how.
-        prepare: Makes what `run` needs; called before every run and not timed.
-        run: What is timed.
-        note: What must be known to compare it.
-    """
-
-    task: str
-    method: str
-    prepare: Callable[[], Any]
-    run: Callable[[Any], Outcome]
-    note: str = ""
+    return env_section(Sizes())
 
 
-@dataclass(frozen=True)
-class OracleQuestions:
-    """The questions of section `oracle` and the sizes of the generic method.
-
-    Attributes:
-        loop: Makes the loop.
-        max_delay: Longest delay searched for crossings [s].
-        bracket: Two delays around the first crossing, for a peer that has to be told [s].
-        delay: Delay at which roots are asked for [s].
-        count: How many roots.
-        stable: Lowest and highest delay of the interval that is stable throughout [s].
-        unstable: A delay beyond it [s].
-        box: Highest delay of channels that are delayed independently, from zero [s].
-        step: Distance of the delays that the generic method tries on an interval [s].
-        corners: Delays that it tries per channel of the box.
-        nodes: Its degree.
-    """
-
-    loop: Callable[[], DelaySystem]
-    max_delay: float = 0.4
-    bracket: tuple[float, float] = (0.19, 0.21)
-    delay: float = 0.2
-    count: int = 4
-    stable: tuple[float, float] = (0.0, 0.2019)
-    unstable: float = 0.203
-    box: float = 0.150
-    step: float = 0.01
-    corners: int = 3
-    nodes: int = 16
-
-
-def vehicle_loop() -> DelaySystem:
-    """The paper's loop: four actuators, sky-hook 35 kN s/m, 300 km/h; 38 states."""
-    return SkyHook(35e3, 4).to_delay_system(lateral17("paper_fit", 4, 300.0))
-
-
-def oracle_entries(ask: OracleQuestions) -> list[Entry]:
-    """Return the entries of section `oracle`."""
-    channels = ask.loop().num_channels
-    crossings = f"all crossings up to {1000 * ask.max_delay:g} ms"
-    roots = f"{ask.count} rightmost roots at {1000 * ask.delay:g} ms"
-    interval = f"every delay from {1000 * ask.stable[0]:g} to {1000 * ask.stable[1]:g} ms"
-    fixed = f"stability at {1000 * ask.unstable:g} ms"
-    box = f"{channels} independent delays in 0 to {1000 * ask.box:g} ms"
-    along = np.linspace(*ask.stable, round(np.ptp(ask.stable) / ask.step) + 1).tolist()
-    across = list(itertools.product(np.linspace(0.0, ask.box, ask.corners), repeat=channels))
-    peers = _tdcpy(ask)
-
-    def ours(task: str, method: str, run: Callable[[DelaySystem], Outcome]) -> Entry:
-        return Entry(task, f"railenv, {method}", ask.loop, run)
-
-    def yardstick(task: str, run: Callable[[DelaySystem], Outcome], note: str) -> Entry:
-        return Entry(task, f"generic, N = {ask.nodes}", ask.loop, run, note)
-
-    def tried(delays: Sequence[Any]) -> Callable[[DelaySystem], Outcome]:
-        def run(system: DelaySystem) -> Outcome:
-            most = max(generic_unstable(system, delay, ask.nodes) for delay in delays)
-            return f"{'unstable' if most else 'stable'} there, {most} unstable roots", False
-
-        return run
-
-    def searched(system: DelaySystem) -> Outcome:
-        found = critical_delays(system, ask.max_delay)
-        return _crossings([c.delay for c in found.crossings], found.proved)
-
-    def scanned(system: DelaySystem) -> Outcome:
-        return _crossings(generic_critical_delays(system, ask.max_delay, ask.step, ask.nodes))
-
-    def rightmost(system: DelaySystem) -> Outcome:
-        return _roots([mode.root for mode in rightmost_roots(system, ask.delay, ask.count)])
-
-    def estimated(system: DelaySystem) -> Outcome:
-        return _roots(generic_roots(system, ask.delay, ask.count, ask.nodes))
-
-    return [
-        ours(crossings, "critical_delays", searched),
-        yardstick(crossings, scanned, f"every {1000 * ask.step:g} ms, then bisection to 1e-7 s"),
-        *(Entry(crossings, *peer) for peer in peers[:1]),
-        ours(roots, "rightmost_roots", rightmost),
-        yardstick(roots, estimated, "not corrected"),
-        *(Entry(roots, *peer) for peer in peers[1:]),
-        ours(interval, "certify", lambda s: _certificate(s, ask.stable)),
-        yardstick(interval, tried(along), f"proves nothing: tries {len(along)} delays"),
-        ours(fixed, "certify", lambda s: _certificate(s, ask.unstable)),
-        yardstick(fixed, tried([ask.unstable]), "proves nothing: estimates the roots"),
-        ours(box, "certify", lambda s: _certificate(s, [(0.0, ask.box)] * channels)),
-        yardstick(box, tried(across), f"proves nothing: tries {len(across)} sets of delays"),
-    ]
-
-
-def _certificate(system: DelaySystem, delay: Any) -> Outcome:
-    answer = certify(system, delay=delay)
-    number = answer.unstable_roots
-    shown = answer.verdict if number is None else f"{answer.verdict}, {number} unstable roots"
-    return shown, answer.proved
-
-
-def _crossings(delays: Sequence[float], proved: bool = False) -> Outcome:
-    first = f", first at {1000 * min(delays):.4f} ms" if delays else ""
-    return f"{len(delays)} crossing{'s' * (len(delays) != 1)}{first}", proved
-
-
-def _roots(roots: Sequence[complex] | ComplexArray) -> Outcome:
-    return f"{len(roots)} roots, first at {roots[0]:.6f} 1/s", False
-
-
-Peer = tuple[str, Callable[[], Any], Callable[[Any], Outcome], str]
-
-
-def _tdcpy(ask: OracleQuestions) -> list[Peer]:
-    """First crossing and rightmost roots by tdcpy (GPL-3), if it happens to be installed."""
-    try:
-        tdcpy = importlib.import_module("tdcpy")
-    except ImportError:
-        return []
-
-    def found(system: DelaySystem, delay: float, right_of: float) -> ComplexArray:
-        matrices = np.stack([system.A, -system.B @ system.K], axis=2)
-        return tdcpy.roots(tdcpy.RDDE(matrices, np.array([0.0, delay])), r=right_of)[0]
-
-    def prepare() -> tuple[DelaySystem, float]:
-        system = ask.loop()
-        ends = [m.root.real for m in rightmost_roots(system, ask.delay, ask.count + 1)][-2:]
-        return system, sum(ends) / 2
-
-    def rightmost(given: tuple[DelaySystem, float]) -> Outcome:
-        return _roots(rightmost_first(found(given[0], ask.delay, given[1])))
-
-    def first(system: DelaySystem) -> Outcome:
-        low, high = ask.bracket
-        while high - low > 1e-7:
-            middle = (low + high) / 2
-            low, high = (low, middle) if len(found(system, middle, 0.0)) else (middle, high)
-        return _crossings([(low + high) / 2])
-
-    told = f"told {1000 * ask.bracket[0]:g} to {1000 * ask.bracket[1]:g} ms, that crossing only"
-    return [
-        ("tdcpy, bisection", ask.loop, first, told),
-        ("tdcpy, roots", prepare, rightmost, "told the half-plane they lie in"),
-    ]
-
-
-SECTIONS: dict[str, Callable[[], list[Entry]]] = {
-    "oracle": lambda: oracle_entries(OracleQuestions(vehicle_loop)),
-}
-"""Sections by name; each makes its entries when it is asked for."""
-
-
-def measure(entry: Entry, repeat: int) -> dict[str, Any]:
-    """Time an entry `repeat` times, or until that has taken `LONG_ENOUGH` seconds in all."""
-    seconds, outcome = _timed(entry)
-    times = [] if seconds < START_UP else [seconds]
-    while len(times) < repeat and sum(times) < LONG_ENOUGH:
-        seconds, outcome = _timed(entry)
-        times.append(seconds)
-    return {
-        "task": entry.task,
-        "method": entry.method,
-        "best_s": min(times),
-        "median_s": statistics.median(times),
-        "runs": len(times),
-        "answer": outcome[0],
-        "proved": outcome[1],
-        "note": entry.note,
-    }
-
-
-def _timed(entry: Entry) -> tuple[float, Outcome]:
-    given = entry.prepare()
-    start = time.perf_counter()
-    outcome = entry.run(given)
-    return time.perf_counter() - start, outcome
-
-
-def measure_section(
-    entries: Sequence[Entry], repeat: int, progress: Callable[[str], None] = lambda _: None
-) -> list[dict[str, Any]]:
-    """Measure entries; `ratio` is the best time over that of the task's first entry."""
-    rows: list[dict[str, Any]] = []
-    for entry in entries:
-        progress(f"{entry.task}: {entry.method}")
-        row = measure(entry, repeat)
-        base = next((r["best_s"] for r in rows if r["task"] == entry.task), row["best_s"])
-        rows.append({**row, "ratio": row["best_s"] / base})
-    return rows
+SECTIONS: dict[str, Callable[[], Section]] = {"oracle": _oracle, "env": _env}
+"""Sections by name; each imports what it needs when it is asked for."""
 
 
 def command_bench_speed(options: argparse.Namespace) -> None:
@@ -261,37 +36,19 @@ def command_bench_speed(options: argparse.Namespace) -> None:
     names = list(SECTIONS) if options.only is None else [options.only]
     start = time.perf_counter()
     sections = {name: SECTIONS[name]() for name in names}
-    with progress_bar(options, sum(map(len, sections.values())), "entry") as bar:
+    with progress_bar(options, sum(s.total for s in sections.values()), "entry") as bar:
 
         def tell(word: str) -> None:
             bar.set_postfix_str(word, refresh=False)
             bar.update()
 
-        answer = {name: measure_section(e, repeat, tell) for name, e in sections.items()}
+        answer = {name: section.measure(repeat, tell) for name, section in sections.items()}
     if options.json:
         command = shlex.join(["railenv", *sys.argv[1:]])
-        seconds = time.perf_counter() - start
-        print_json({"provenance": provenance(command, seconds), "sections": answer})
+        about = provenance(command, time.perf_counter() - start)
+        about["numeric_threads"] = numeric_threads()
+        print_json({"provenance": about, "sections": answer})
         return
     for name, rows in answer.items():
         print(name)
-        print("\n".join(table(rows)))
-
-
-def table(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Return the lines of a section's table."""
-    lines = [f"{'':32}best      median   runs   times ours   proved   answer"]
-    for task, group in itertools.groupby(rows, lambda r: r["task"]):
-        lines.append(f"  {task}")
-        for row in group:
-            lines.append(
-                f"    {row['method']:<24}{_time(row['best_s'])}{_time(row['median_s'])}"
-                f"{row['runs']:>5}{row['ratio']:>13.3g}{'yes' if row['proved'] else 'no':>9}   "
-                f"{row['answer']}"
-            )
-            lines += [f"      ({row['note']})"] if row["note"] else []
-    return lines
-
-
-def _time(seconds: float) -> str:
-    return f"{1000 * seconds:9.3g} ms" if seconds < 1.0 else f"{seconds:10.3g} s"
+        print("\n".join(sections[name].table(rows)))

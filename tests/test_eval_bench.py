@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 from scipy.special import lambertw
 
-from eval import command_bench
+from eval import bench, command_bench
+from eval.bench import Entry, measure, measure_section, table, timed_section
+from eval.bench_oracle import OracleQuestions, oracle_entries
 from eval.cli import main
-from eval.command_bench import (
-    Entry,
-    OracleQuestions,
-    measure,
-    measure_section,
-    oracle_entries,
-    table,
-)
 from eval.generic_delay import (
     generator_matrix,
     generic_critical_delays,
@@ -60,8 +54,9 @@ def small_section() -> list[Entry]:
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command with a loop of two states in place of the vehicle."""
-    monkeypatch.setitem(command_bench.SECTIONS, "oracle", small_section)
+    """The command with one section, and a loop of two states in place of the vehicle."""
+    only = {"oracle": lambda: timed_section(small_section())}
+    monkeypatch.setattr(command_bench, "SECTIONS", only)
 
 
 def test_the_generator_has_lamberts_roots() -> None:
@@ -169,8 +164,8 @@ def test_every_run_gets_a_loop_of_its_own() -> None:
 
 
 def test_a_long_entry_is_not_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command_bench, "START_UP", 0.0)
-    monkeypatch.setattr(command_bench, "LONG_ENOUGH", 0.0)
+    monkeypatch.setattr(bench, "START_UP", 0.0)
+    monkeypatch.setattr(bench, "LONG_ENOUGH", 0.0)
     assert measure(Entry("task", "method", lambda: None, lambda _: ("done", False)), 9)["runs"] == 1
 
 
