@@ -135,6 +135,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--seed", default="0", help="seed of the track (0)")
     simulate.add_argument("--out", help="write the signals to this .npz file")
     simulate.add_argument("--plot", help="draw the run into this .png, .svg or .pdf file")
+    simulate.add_argument("--video", help="film the run into this .mp4 file")
 
     critical = commands.add_parser("critical-delay", help="every critical delay of a loop")
     _loop(critical, own=True)
@@ -169,7 +170,7 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("folder", help="folder of a finished benchmark")
 
     speed = commands.add_parser("bench-speed", help="times beside a generic method, in one run")
-    speed.add_argument("--only", metavar="SECTION", help="one section: oracle (all)")
+    speed.add_argument("--only", metavar="SECTION", help="one section: oracle or env (all)")
     speed.add_argument("--repeat", default="5", help="most runs of each entry (5)")
     _json(speed)
     return parser

@@ -1,6 +1,7 @@
 """`railenv list` and `railenv simulate`."""
 
 import argparse
+from contextlib import ExitStack
 from dataclasses import replace
 
 from baselines import Controller, registered_controllers
@@ -84,11 +85,19 @@ def command_simulate(options: argparse.Namespace) -> None:
     stepping = parse_stepping(options)
     plot = parse_output(options.plot, (".png", ".svg", ".pdf"))
     out = parse_output(options.out, (".npz",))
+    video = parse_output(options.video, (".mp4",))
     periods = whole_multiple("seconds", seconds, "control_period", stepping.control_period)
     steps = whole_multiple("seconds", seconds, "time_step", stepping.time_step)
     track = make_track(options.track, required_length(vehicle, seconds), seed)
     inputs = wheelset_inputs(vehicle, track, stepping.time_step, steps)
-    with progress_bar(options, periods, "period") as bar:
+    with ExitStack() as stack:
+        watch = None
+        if video is not None:
+            from eval.video import Film, film_file
+
+            film = Film(vehicle, track, delays, stepping, stack.enter_context(film_file(video)))
+            watch = film.watch
+        bar = stack.enter_context(progress_bar(options, periods, "period"))
         trajectory = rollout(
             controller,
             vehicle,
@@ -98,6 +107,7 @@ def command_simulate(options: argparse.Namespace) -> None:
             stepping=stepping,
             seed=seed,
             progress=bar.update,
+            watch=watch,
         )
     measures = measure(trajectory, skip, stepping.actuator.force_limit).lane(0)
     settings = {

@@ -37,7 +37,7 @@ ACCELERATIONS = (
 )
 
 BLOW_UP = 1e4
-"""A state beyond this (metres, radians, per second) is stopped: the linear vehicle is unstable."""
+"""A mode beyond this amplitude is stopped: the linear vehicle is unstable."""
 
 
 @dataclass(frozen=True)
@@ -140,10 +140,10 @@ class ControlledBatch:
         self._observer.push(actions)
         self.commands = self._scale * actions
         outputs = self.simulation.advance(self.commands)
-        new = ~(np.abs(self.simulation.state).max(axis=1) <= BLOW_UP)
+        new = ~(self.simulation.amplitude <= BLOW_UP)
         if np.any(new):
             self.blown_up |= new
-            self.simulation.state[self.blown_up] = 0.0
+            self.simulation.stop(self.blown_up)
         if np.any(self.blown_up):
             outputs[self.blown_up] = np.nan
         self._now = np.nan_to_num(outputs[:, -1, self._measured])
@@ -179,6 +179,7 @@ def rollout(
     stepping: Stepping | None = None,
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
+    watch: Callable[[ControlledBatch, FloatArray], None] | None = None,
 ) -> Trajectory:
     """Run a controller for a while.
 
@@ -193,6 +194,8 @@ def rollout(
         stepping: Steps, limits and lag.
         seed: Given to the controller.
         progress: Called with the number of control periods just done.
+        watch: Called after every control period with the batch and what was recorded in it, shape
+            (lanes, steps, record).
 
     Returns:
         Recorded signals at every physics step; lanes that blew up end in NaN.
@@ -209,7 +212,10 @@ def rollout(
     per_period = batch.simulation.steps_per_command
     values = np.empty((delays.shape[0], periods * per_period, len(names)))
     for k in range(periods):
-        values[:, k * per_period : (k + 1) * per_period] = batch.advance()
+        recorded = batch.advance()
+        values[:, k * per_period : (k + 1) * per_period] = recorded
+        if watch is not None:
+            watch(batch, recorded)
         if progress is not None:
             progress(1)
     time = steps.time_step * np.arange(1, periods * per_period + 1, dtype=np.float64)
