@@ -54,6 +54,11 @@ class DelayLine:
         steps_per_command: Physics steps in one control period.
         longest: Longest delay, jitter included, that a lane may get [s].
         actuator: Force and rate limit.
+
+    Attributes:
+        arrays: The queues.
+        force_limit: Largest force in either direction [N]; infinite for none.
+        force_step: Largest change between two commands [N]; infinite for none.
     """
 
     def __init__(
@@ -67,8 +72,8 @@ class DelayLine:
     ) -> None:
         self._time_step = time_step
         period = steps_per_command * time_step
-        self._force_limit = np.inf if actuator.force_limit is None else actuator.force_limit
-        self._force_step = np.inf if actuator.rate_limit is None else actuator.rate_limit * period
+        self.force_limit = np.inf if actuator.force_limit is None else float(actuator.force_limit)
+        self.force_step = np.inf if actuator.rate_limit is None else actuator.rate_limit * period
         slots = int(longest / period) + 3
         flat, deep = (num_lanes, num_channels), (num_lanes, slots, num_channels)
         self.arrays = QueueArrays(
@@ -116,7 +121,7 @@ class DelayLine:
             later: What each command is late beyond its delay, shape (lanes, channels) [s].
             lost: Commands that get lost, shape (lanes, channels).
         """
-        _issue(
+        issue(
             self.arrays,
             step,
             active,
@@ -125,8 +130,8 @@ class DelayLine:
             commands,
             later,
             lost,
-            self._force_limit,
-            self._force_step,
+            self.force_limit,
+            self.force_step,
             self._time_step,
         )
 
@@ -143,7 +148,7 @@ def split_delay(delays: FloatArray, time_step: float) -> tuple[IntArray, FloatAr
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _issue(
+def issue(
     queue: QueueArrays,
     step: IntArray,
     active: BoolArray,

@@ -254,48 +254,49 @@ def observe(
     )
     frames, frame, actions, action = arrays.frames, arrays.frame, arrays.actions, arrays.action
     for lane in range(first, end):
-        if active[lane]:
-            _observe_lane(
-                factor,
-                bound,
-                frames,
-                frame,
-                actions,
-                action,
-                told,
-                lost,
-                clipped,
-                lane,
-                sampled,
-                out,
-            )
+        if not active[lane]:
+            continue
+        # Unsigned, so that an index cannot be negative: a sign to be checked would keep the copies
+        # from being done in one go.
+        measured = np.uintp(len(factor))
+        depth, length = np.uintp(frames.shape[1] // 2), np.uintp(actions.shape[1] // 2)
+        newest = np.uintp(frame[lane])
+        at = newest + depth - measured if newest < measured else newest - measured
+        frame[lane] = at
+        cut = False
+        if lost[lane]:
+            for j in range(measured):
+                frames[lane, at + j] = frames[lane, newest + j]
+        else:
+            for j in range(measured):
+                value = sampled[lane, j] * factor[j]
+                if not abs(value) <= bound[j]:
+                    cut = True
+                    # Zero stands for what is no number.
+                    value = 0.0 if value != value else np.copysign(bound[j], value)
+                frames[lane, at + j] = value
+        for j in range(measured):
+            frames[lane, at + depth + j] = frames[lane, at + j]
+        clipped[lane] = cut
+        for j in range(depth):
+            out[lane, j] = frames[lane, at + j]
+        begin = np.uintp(action[lane])
+        for j in range(length):
+            out[lane, depth + j] = actions[lane, begin + j]
+        for j in range(np.uintp(told.shape[1])):
+            out[lane, depth + length + j] = told[lane, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def begin_episodes(
-    reward: RewardArrays,
-    arrays: ObservationArrays,
-    which: IntArray,
-    sampled: FloatArray,
-    out: Float32Array,
-) -> None:
-    """Forget the past of some lanes and write their first observations.
+def begin_episodes(reward: RewardArrays, arrays: ObservationArrays, which: IntArray) -> None:
+    """Forget the past of some lanes.
 
     Args:
         reward: What the reward remembers; set to zero for these lanes.
         arrays: What the observation remembers; set to zero for these lanes.
         which: Lane numbers, shape (count,).
-        sampled: Measured columns now, SI units, and perhaps more, shape (lanes, measured or more).
-        out: Observations, shape (lanes, columns); overwritten for these lanes.
     """
-    factor, bound, told, lost, clipped = (
-        arrays.factor,
-        arrays.bound,
-        arrays.told,
-        arrays.lost,
-        arrays.clipped,
-    )
-    frames, frame, actions, action = arrays.frames, arrays.frame, arrays.actions, arrays.action
+    frames, actions, lost = arrays.frames, arrays.actions, arrays.lost
     for number in range(len(which)):
         lane = which[number]
         for e in range(2):
@@ -316,53 +317,3 @@ def begin_episodes(
             actions[lane, j] = 0.0
         lost[lane] = False
         arrays.action_clipped[lane] = False
-        _observe_lane(
-            factor, bound, frames, frame, actions, action, told, lost, clipped, lane, sampled, out
-        )
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _observe_lane(
-    factor: FloatArray,
-    bound: FloatArray,
-    frames: Float32Array,
-    frame: IntArray,
-    actions: Float32Array,
-    action: IntArray,
-    told: Float32Array,
-    lost: BoolArray,
-    clipped: BoolArray,
-    lane: int,
-    sampled: FloatArray,
-    out: Float32Array,
-) -> None:
-    """Add one lane's newest measurement to its ring and write its observation."""
-    # Unsigned, so that an index cannot be negative: a sign to be checked would keep the copies
-    # from being done in one go.
-    measured = np.uintp(len(factor))
-    depth, length = np.uintp(frames.shape[1] // 2), np.uintp(actions.shape[1] // 2)
-    newest = np.uintp(frame[lane])
-    at = newest + depth - measured if newest < measured else newest - measured
-    frame[lane] = at
-    cut = False
-    if lost[lane]:
-        for j in range(measured):
-            frames[lane, at + j] = frames[lane, newest + j]
-    else:
-        for j in range(measured):
-            value = sampled[lane, j] * factor[j]
-            if not abs(value) <= bound[j]:
-                cut = True
-                # Zero stands for what is no number.
-                value = 0.0 if value != value else np.copysign(bound[j], value)
-            frames[lane, at + j] = value
-    for j in range(measured):
-        frames[lane, at + depth + j] = frames[lane, at + j]
-    clipped[lane] = cut
-    for j in range(depth):
-        out[lane, j] = frames[lane, at + j]
-    begin = np.uintp(action[lane])
-    for j in range(length):
-        out[lane, depth + j] = actions[lane, begin + j]
-    for j in range(np.uintp(told.shape[1])):
-        out[lane, depth + length + j] = told[lane, j]

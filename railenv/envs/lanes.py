@@ -6,8 +6,10 @@ computes has a fixed order of operations. So lane k of any batch is the single e
 bit. Randomly varying delay is drawn in blocks of `BLOCK` periods.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -19,16 +21,16 @@ from railenv.envs.kernels import (
     DIVERGENCE,
     GAUGE,
     ObservationArrays,
-    assess,
     begin_episodes,
-    command,
     observe,
 )
 from railenv.envs.observation import bound
 from railenv.envs.reward import RECORDED, reward_arrays, reward_constants
 from railenv.envs.settings import EnvSettings
+from railenv.envs.whole_step import whole_step
+from railenv.envs.workers import Workers
 from railenv.simulation import VehicleBatch
-from railenv.simulation.excitation import excite, excite_start
+from railenv.simulation.excitation import excite_start
 from railenv.units import FloatArray
 
 BLOCK = 64
@@ -72,6 +74,7 @@ class Lanes:
         self.periods: IntArray = np.zeros(num_lanes, dtype=np.int64)
         self.true_delay: FloatArray = np.zeros((num_lanes, channels))
         self._num_periods = s.num_periods()
+        self._scale = float(s.action_scale)
         self._steps = round(s.control_period / s.time_step)
         self._batch = VehicleBatch(table, num_lanes, self._steps, s.max_delay, s.actuator())
         varying = self.episodes.draw.varying
@@ -82,7 +85,7 @@ class Lanes:
         )
         self._observation_arrays(self.episodes.measured, channels)
         self._constants, self.reward = reward_constants(s), reward_arrays(s, num_lanes)
-        self._workers: ThreadPoolExecutor | None = None
+        self._workers: Workers | None = None
 
     def _observation_arrays(self, measured: tuple[str, ...], channels: int) -> None:
         s, n = self.settings, self.num_lanes
@@ -168,7 +171,10 @@ class Lanes:
         arrays = self._arrays
         if arrays.told.shape[1]:
             arrays.told[lanes] = here.told[lanes, : arrays.told.shape[1]] * self._told_factor
-        begin_episodes(self.reward, arrays, lanes, batch.sampled, out)
+        begin_episodes(self.reward, arrays, lanes)
+        chosen = np.zeros(self.num_lanes, dtype=bool)
+        chosen[lanes] = True
+        observe(arrays, chosen, int(lanes[0]), int(lanes[-1]) + 1, batch.sampled, out)
 
     def check_options(self, options: Sequence[dict[str, Any]] | None) -> None:
         """Check what is to be fixed in a reset; see `Episodes.start`.
@@ -209,41 +215,44 @@ class Lanes:
 
     def _in_parts(self, actions: FloatArray, reward: FloatArray, out: Float32Array) -> None:
         if self._workers is None:
-            self._workers = ThreadPoolExecutor(self.threads - 1, "railenv-lanes")
+            self._workers = Workers(self.threads)
         edges = [self.num_lanes * t // self.threads for t in range(self.threads + 1)]
-        parts = [
-            self._workers.submit(self._part, first, end, actions, reward, out)
-            for first, end in pairwise(edges[1:])
-        ]
-        self._part(0, edges[1], actions, reward, out)
-        for part in parts:
-            part.result()
+        self._workers.run(
+            [
+                partial(self._part, first, end, actions, reward, out)
+                for first, end in pairwise(edges)
+            ]
+        )
 
     def _part(
         self, first: int, end: int, actions: FloatArray, reward: FloatArray, out: Float32Array
     ) -> None:
-        batch, here, terms = self._batch, self.episodes, self.reward
-        active, step = batch.active, batch.step
-        scale = self.settings.action_scale
-        weight = self._constants.effort_weight
-        command(
-            self._arrays, terms.effort, weight, active, first, end, actions, scale, batch.commands
-        )
-        excite(
+        batch, here = self._batch, self.episodes
+        whole_step(
+            here.table.arrays,
+            batch.lanes,
+            batch.line.arrays,
             here.track_table,
             here.places,
             here.wheels,
-            here.vehicle,
-            step,
-            self.settings.time_step,
-            active,
+            self._constants,
+            self.reward,
+            self._arrays,
+            batch.active,
             first,
             end,
-            batch.track,
+            actions,
+            self._scale,
+            batch.commands,
+            batch.later,
+            batch.lost,
+            batch.line.force_limit,
+            batch.line.force_step,
+            batch.recorded,
+            batch.sampled,
+            reward,
+            out,
         )
-        batch.advance(first, end)
-        assess(self._constants, terms, active, first, end, batch.recorded, step, reward)
-        observe(self._arrays, active, first, end, batch.sampled, out)
 
     def _vary(self, active: BoolArray) -> None:
         """Draw what the coming commands are late and which of them and of the readings get lost."""
@@ -364,5 +373,5 @@ class Lanes:
     def close(self) -> None:
         """Stop the threads."""
         if self._workers is not None:
-            self._workers.shutdown()
+            self._workers.close()
             self._workers = None

@@ -105,7 +105,7 @@ class PlantTable:
             ramp_end=np.array([np.ascontiguousarray(part.ramp_end.T) for part in parts]),
             late=np.array([_padded(part.late, terms) for part in parts]),
             record=np.array([part.rows(self.outputs) for part in parts]),
-            sample=np.array([part.rows(self.sampled) for part in parts]),
+            final=np.array([part.rows((*self.outputs, *self.sampled)) for part in parts]),
             time_step=time_step,
         )
 

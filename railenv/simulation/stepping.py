@@ -13,8 +13,10 @@ needs no rounding.
 Every lane is computed on its own with a fixed order of operations: no matrix library, no
 reassociation, no reduction across lanes. A lane's numbers do not depend on how many lanes there
 are or on how they are shared among threads. Matrices are passed transposed so that the inner loops
-run over contiguous memory, and are indexed in full, through names taken before the loops: a view,
-or a field of a tuple, would touch the array's shared reference count, which threads fight for.
+run over contiguous memory, and rows are taken four at a time. Inside the loops arrays are indexed
+in full, through names taken before, and no function is handed one: a view, a field of a tuple or an
+argument would touch the array's shared reference count, which threads fight for. So the same short
+loop over four rows stands here several times.
 
 Compiled functions that call each other stand in one file, because the compiler's cache
 watches only the file of the function that is called: a change elsewhere would go on running as it
@@ -49,8 +51,8 @@ class PlantArrays(NamedTuple):
         late: Chebyshev coefficients of G(s) over s in [0, h], shape (vehicles, terms, m, n).
         record: Outputs of every step from v, transposed, shape
             (vehicles, n + k + m or more, p).
-        sample: Outputs of every control period from v, transposed, shape
-            (vehicles, n + k + m or more, q).
+        final: Those and then the outputs of every control period from v, transposed, shape
+            (vehicles, n + k + m or more, p + q).
         time_step: h [s].
     """
 
@@ -60,7 +62,7 @@ class PlantArrays(NamedTuple):
     ramp_end: FloatArray
     late: FloatArray
     record: FloatArray
-    sample: FloatArray
+    final: FloatArray
     time_step: float
 
 
@@ -86,68 +88,6 @@ class LaneArrays(NamedTuple):
     track: FloatArray
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _accumulate(
-    matrix: FloatArray, vehicle: IntArray, v: FloatArray, out: FloatArray, width: int
-) -> None:
-    """Add v times the rows of the vehicle's matrix, four at a time; their number is a multiple."""
-    for group in range(matrix.shape[1] // 4):
-        j = 4 * group
-        a, b, c, d = v[j], v[j + 1], v[j + 2], v[j + 3]
-        for i in range(width):
-            out[i] += (
-                matrix[vehicle, j, i] * a
-                + matrix[vehicle, j + 1, i] * b
-                + matrix[vehicle, j + 2, i] * c
-                + matrix[vehicle, j + 3, i] * d
-            )
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _transition(
-    pairs: FloatArray, full: FloatArray, vehicle: IntArray, v: FloatArray, new: FloatArray
-) -> None:
-    """Set `new` to Phi z, with z the first entries of v."""
-    n = len(new)
-    if len(full):
-        for i in range(n):
-            total = 0.0
-            for j in range(n):
-                total += full[vehicle, i, j] * v[j]
-            new[i] = total
-        return
-    half = n // 2
-    for i in range(half):
-        here, there = v[i], v[half + i]
-        new[i] = pairs[vehicle, 0, i] * here + pairs[vehicle, 1, i] * there
-        new[half + i] = pairs[vehicle, 2, i] * here + pairs[vehicle, 3, i] * there
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _late_effect(
-    coefficients: FloatArray,
-    vehicle: IntArray,
-    channel: int,
-    place: float,
-    late: FloatArray,
-    lane: int,
-    work: FloatArray,
-) -> None:
-    """Clenshaw's sum of the Chebyshev series of one column of G, at `place` in [-1, 1]."""
-    terms, n = coefficients.shape[1], coefficients.shape[3]
-    work[:] = 0.0
-    for k in range(terms - 1, 0, -1):
-        new, old = k % 2, (k + 1) % 2
-        for i in range(n):
-            work[new, i] = (
-                2.0 * place * work[old, i] - work[new, i] + coefficients[vehicle, k, channel, i]
-            )
-    for i in range(n):
-        late[lane, channel, i] = (
-            place * work[1, i] - work[0, i] + coefficients[vehicle, 0, channel, i]
-        )
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def begin(
     plant: PlantArrays, lanes: LaneArrays, which: IntArray, modes: FloatArray, sampled: FloatArray
@@ -161,13 +101,14 @@ def begin(
         modes: xi of these lanes, shape (count, n).
         sampled: Outputs, shape (lanes, q); overwritten for these lanes.
     """
-    sample_rows, ramp_end = (plant.sample, plant.ramp_end)
+    final_rows, ramp_end = (plant.final, plant.ramp_end)
     state, force_of, track, vehicle_of = (lanes.state, lanes.force, lanes.track, lanes.vehicle)
     n, m, k = state.shape[1], force_of.shape[1], track.shape[2]
-    q = sample_rows.shape[2]
-    v = np.zeros(sample_rows.shape[1])
+    width = final_rows.shape[2]
+    p = width - sampled.shape[1]
+    v = np.zeros(final_rows.shape[1])
     share = np.empty(n)
-    y = np.empty(q)
+    y = np.empty(width)
     for number in range(len(which)):
         lane = which[number]
         vehicle = vehicle_of[lane]
@@ -175,15 +116,35 @@ def begin(
             v[n + j] = track[lane, -1, j]
         for c in range(m):
             v[n + k + c] = force_of[lane, c]
-        share[:] = 0.0
-        _accumulate(ramp_end, vehicle, v[n:], share, n)
+        for i in range(n):
+            share[i] = 0.0
+        for group in range(ramp_end.shape[1] // 4):
+            j = 4 * group
+            a, b, c, d = v[n + j], v[n + j + 1], v[n + j + 2], v[n + j + 3]
+            for i in range(n):
+                share[i] += (
+                    ramp_end[vehicle, j, i] * a
+                    + ramp_end[vehicle, j + 1, i] * b
+                    + ramp_end[vehicle, j + 2, i] * c
+                    + ramp_end[vehicle, j + 3, i] * d
+                )
         for i in range(n):
             v[i] = modes[number, i] - share[i]
             state[lane, i] = v[i]
-        y[:] = 0.0
-        _accumulate(sample_rows, vehicle, v, y, q)
-        for i in range(q):
-            sampled[lane, i] = y[i]
+        for i in range(width):
+            y[i] = 0.0
+        for group in range(final_rows.shape[1] // 4):
+            j = 4 * group
+            a, b, c, d = v[j], v[j + 1], v[j + 2], v[j + 3]
+            for i in range(width):
+                y[i] += (
+                    final_rows[vehicle, j, i] * a
+                    + final_rows[vehicle, j + 1, i] * b
+                    + final_rows[vehicle, j + 2, i] * c
+                    + final_rows[vehicle, j + 3, i] * d
+                )
+        for i in range(width - p):
+            sampled[lane, i] = y[p + i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -210,8 +171,8 @@ def advance(
             instant, shape (lanes, steps, p); overwritten.
         sampled: Outputs at the end of the period, shape (lanes, q); overwritten.
     """
-    record_rows, sample_rows, input_rows = plant.record, plant.sample, plant.inputs
-    pairs, full, h = plant.pairs, plant.full, plant.time_step
+    record_rows, final_rows, input_rows = plant.record, plant.final, plant.inputs
+    pairs, full, series, h = plant.pairs, plant.full, plant.late, plant.time_step
     state, force_of, track, vehicle_of, step_of, late_rest, late = (
         lanes.state,
         lanes.force,
@@ -231,16 +192,16 @@ def advance(
     n = state.shape[1]
     m = force_of.shape[1]
     k = track.shape[2]
-    p, q = record_rows.shape[2], sample_rows.shape[2]
+    p, width = record_rows.shape[2], final_rows.shape[2]
     slots = arrival_step.shape[1]
     steps = track.shape[1] - 1
     # Rows come in fours: what v has too few stays zero.
-    v = np.zeros(sample_rows.shape[1])
-    driven = v[n:]
+    v = np.zeros(final_rows.shape[1])
+    half, whole = n // 2, len(full) > 0
     new = np.empty(n)
     work = np.empty((2, n))
     y = np.empty(p)
-    last = np.empty(q)
+    last = np.empty(width)
     for lane in range(first, end):
         if not active[lane]:
             continue
@@ -253,8 +214,27 @@ def advance(
             step = step_of[lane] + substep
             for j in range(k):
                 v[n + j] = track[lane, substep, j]
-            _transition(pairs, full, vehicle, v, new)
-            _accumulate(input_rows, vehicle, driven, new, n)
+            if whole:
+                for i in range(n):
+                    total = 0.0
+                    for j in range(n):
+                        total += full[vehicle, i, j] * v[j]
+                    new[i] = total
+            else:
+                for i in range(half):
+                    here, there = v[i], v[half + i]
+                    new[i] = pairs[vehicle, 0, i] * here + pairs[vehicle, 1, i] * there
+                    new[half + i] = pairs[vehicle, 2, i] * here + pairs[vehicle, 3, i] * there
+            for group in range(input_rows.shape[1] // 4):
+                j = 4 * group
+                a, b, c, d = v[n + j], v[n + j + 1], v[n + j + 2], v[n + j + 3]
+                for i in range(n):
+                    new[i] += (
+                        input_rows[vehicle, j, i] * a
+                        + input_rows[vehicle, j + 1, i] * b
+                        + input_rows[vehicle, j + 2, i] * c
+                        + input_rows[vehicle, j + 3, i] * d
+                    )
             for c in range(m):
                 while waiting[lane, c] > 0:
                     slot = head[lane, c]
@@ -262,8 +242,23 @@ def advance(
                         break
                     rest = arrival_rest[lane, slot, c]
                     if rest != late_rest[lane, c]:
+                        # Clenshaw's sum of the series of this channel's column of G(h - rest).
                         place = 2.0 * (h - rest) / h - 1.0
-                        _late_effect(plant.late, vehicle, c, place, late, lane, work)
+                        for i in range(n):
+                            work[0, i] = 0.0
+                            work[1, i] = 0.0
+                        for term in range(series.shape[1] - 1, 0, -1):
+                            one, other = term % 2, (term + 1) % 2
+                            for i in range(n):
+                                work[one, i] = (
+                                    2.0 * place * work[other, i]
+                                    - work[one, i]
+                                    + series[vehicle, term, c, i]
+                                )
+                        for i in range(n):
+                            late[lane, c, i] = (
+                                place * work[1, i] - work[0, i] + series[vehicle, 0, c, i]
+                            )
                         late_rest[lane, c] = rest
                     change = arrival_force[lane, slot, c] - v[n + k + c]
                     for i in range(n):
@@ -275,14 +270,37 @@ def advance(
                 v[i] = new[i]
             for j in range(k):
                 v[n + j] = track[lane, substep + 1, j]
-            y[:] = 0.0
-            _accumulate(record_rows, vehicle, v, y, p)
-            for i in range(p):
-                recorded[lane, substep, i] = y[i]
-        last[:] = 0.0
-        _accumulate(sample_rows, vehicle, v, last, q)
-        for i in range(q):
-            sampled[lane, i] = last[i]
+            if substep + 1 < steps:
+                for i in range(p):
+                    y[i] = 0.0
+                for group in range(record_rows.shape[1] // 4):
+                    j = 4 * group
+                    a, b, c, d = v[j], v[j + 1], v[j + 2], v[j + 3]
+                    for i in range(p):
+                        y[i] += (
+                            record_rows[vehicle, j, i] * a
+                            + record_rows[vehicle, j + 1, i] * b
+                            + record_rows[vehicle, j + 2, i] * c
+                            + record_rows[vehicle, j + 3, i] * d
+                        )
+                for i in range(p):
+                    recorded[lane, substep, i] = y[i]
+        for i in range(width):
+            last[i] = 0.0
+        for group in range(final_rows.shape[1] // 4):
+            j = 4 * group
+            a, b, c, d = v[j], v[j + 1], v[j + 2], v[j + 3]
+            for i in range(width):
+                last[i] += (
+                    final_rows[vehicle, j, i] * a
+                    + final_rows[vehicle, j + 1, i] * b
+                    + final_rows[vehicle, j + 2, i] * c
+                    + final_rows[vehicle, j + 3, i] * d
+                )
+        for i in range(p):
+            recorded[lane, steps - 1, i] = last[i]
+        for i in range(width - p):
+            sampled[lane, i] = last[p + i]
         for i in range(n):
             state[lane, i] = v[i]
         for c in range(m):
