@@ -5,6 +5,7 @@ counts as a step, also where the call only resets it.
 """
 
 import importlib
+import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -131,7 +132,8 @@ def ppo_row(task: str, lanes: int, repeat: int) -> Row:
             return missing_row(task, method, why)
         rate = importlib.import_module("eval.bench_ppo").ppo_rate
         found = [float(rate(lanes, 4 * bench.WINDOW)) for _ in range(min(repeat, 3))]
-    return rate_row(task, method, lanes, 1, found, "collection and gradient steps")
+    cores = os.cpu_count() or 1
+    return rate_row(task, method, lanes, cores, found, "collection and gradient steps")
 
 
 def envpool_stepper(lanes: int, batch: int, threads: int) -> Stepper:

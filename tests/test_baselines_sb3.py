@@ -1,5 +1,6 @@
 """The adapter to stable-baselines3 against the vector and the single environment, and its users."""
 
+import os
 import pickle
 from typing import Any
 
@@ -450,10 +451,10 @@ def test_normaliser_and_nan_checker_wrap_and_learn() -> None:
 
 def test_the_rate_of_ppo_is_measured_and_the_thread_count_left_alone() -> None:
     before = torch.get_num_threads()
-    torch.set_num_threads(2)
+    torch.set_num_threads(1 + (os.cpu_count() or 1))
     try:
         # Between ten steps a second and ten million: a rate per second, not per rollout.
         assert 10.0 < ppo_rate(4, 0.01) < 1e7
-        assert torch.get_num_threads() == 2
+        assert torch.get_num_threads() == 1 + (os.cpu_count() or 1)
     finally:
         torch.set_num_threads(before)

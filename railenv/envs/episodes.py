@@ -57,6 +57,7 @@ class Episodes:
     def __init__(self, settings: EnvSettings, num_lanes: int, recorded: Sequence[str]) -> None:
         self.settings = s = settings
         self.draw = s.delays()
+        self._level = s.level_range()
         self.vehicles: tuple[LateralVehicle, ...] = _vehicles(s)
         self.measured = measured_names(self.vehicles[0], s.observation)
         positions = actuator_positions(self.vehicles[0].layout)
@@ -72,7 +73,6 @@ class Episodes:
         )
         self.track_table = table_of(self.tracks)
         self._given: dict[int, PooledTrack] = {}
-        self._level = s.level_range()
         self._tapers = np.array([track.taper for track in self.tracks])
         # Where a run may start: anywhere on a periodic track, at the beginning of others.
         self._room = np.array([track.length * track.periodic for track in self.tracks])
@@ -83,7 +83,7 @@ class Episodes:
             start=np.zeros(num_lanes),
             taper=np.zeros(num_lanes),
             running=np.zeros(num_lanes, dtype=bool),
-            amplitude=np.ones(num_lanes),
+            amplitude=np.full(num_lanes, np.sqrt(self._level[0])),
         )
         self.vehicle: IntArray = np.zeros(num_lanes, dtype=np.int64)
         self.delay: FloatArray = np.zeros((num_lanes, channels))
@@ -120,12 +120,14 @@ class Episodes:
                 delay[k], sensor[k] = self._fixed_delay(given["delay"])
             if "track_seed" in given:
                 fixed_tracks.append((k, int(given["track_seed"])))
-        low, high = self._level
         self.vehicle[lanes] = vehicle
         self.delay[lanes] = delay
         self.sensor_delay[lanes] = sensor
-        self.told[lanes] = self.draw.told(delay, u[:, 5])
-        self.places.amplitude[lanes] = np.sqrt(low + (high - low) * u[:, 3])
+        if self.settings.delay_observed:
+            self.told[lanes] = self.draw.told(delay, u[:, 5])
+        low, high = self._level
+        if high > low:
+            self.places.amplitude[lanes] = np.sqrt(low + (high - low) * u[:, 3])
         if self.start_pool is not None:
             return self._start_controlled(lanes, vehicle, u[:, 4])
         self.places.track[lanes] = track

@@ -155,8 +155,6 @@ class Lanes:
         states = self.episodes.start(lanes, generators, options)
         here, batch = self.episodes, self._batch
         self.periods[lanes] = 0
-        batch.step[lanes] = 0
-        batch.lanes.vehicle[lanes] = here.vehicle[lanes]
         excite_start(
             here.track_table,
             here.places,

@@ -96,16 +96,12 @@ class VehicleBatch:
             ArgumentError: The table's plant is too stiff for a delay that is not given in advance.
         """
         here = self.lanes
-        here.vehicle[lanes] = vehicles
-        here.step[lanes] = 0
-        here.force[lanes] = 0.0
-        here.late_rest[lanes] = -1.0
         modes = np.zeros((len(lanes), self.table.num_modes))
         if state is not None:
             for k, vehicle in enumerate(vehicles):
                 modes[k] = self.table.to_modes(int(vehicle), state[k])
         self.line.start(lanes, delays)
-        begin(self.table.arrays, here, lanes, modes, self.sampled)
+        begin(self.table.arrays, here, lanes, vehicles, modes, self.sampled)
         if not self.table.smooth:
             self._prepare_late(lanes)
 

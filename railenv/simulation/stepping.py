@@ -90,19 +90,26 @@ class LaneArrays(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def begin(
-    plant: PlantArrays, lanes: LaneArrays, which: IntArray, modes: FloatArray, sampled: FloatArray
+    plant: PlantArrays,
+    lanes: LaneArrays,
+    which: IntArray,
+    vehicles: IntArray,
+    modes: FloatArray,
+    sampled: FloatArray,
 ) -> None:
-    """Set the state of some lanes and take their outputs before anything has moved.
+    """Put some lanes back to time zero and take their outputs before anything has moved.
 
     Args:
         plant: Matrices by vehicle.
-        lanes: Vehicles, forces, and the track input now in `track[:, -1]`; its states are set.
+        lanes: The track input now stands in `track[:, -1]`; everything else is set.
         which: Lane numbers, shape (count,).
+        vehicles: Vehicle of each of them, shape (count,).
         modes: xi of these lanes, shape (count, n).
         sampled: Outputs, shape (lanes, q); overwritten for these lanes.
     """
     final_rows, ramp_end = (plant.final, plant.ramp_end)
-    state, force_of, track, vehicle_of = (lanes.state, lanes.force, lanes.track, lanes.vehicle)
+    state, force_of, track, vehicle_of = lanes.state, lanes.force, lanes.track, lanes.vehicle
+    step_of, late_rest = lanes.step, lanes.late_rest
     n, m, k = state.shape[1], force_of.shape[1], track.shape[2]
     width = final_rows.shape[2]
     p = width - sampled.shape[1]
@@ -111,11 +118,14 @@ def begin(
     y = np.empty(width)
     for number in range(len(which)):
         lane = which[number]
-        vehicle = vehicle_of[lane]
+        vehicle = vehicles[number]
+        vehicle_of[lane] = vehicle
+        step_of[lane] = 0
         for j in range(k):
             v[n + j] = track[lane, -1, j]
         for c in range(m):
-            v[n + k + c] = force_of[lane, c]
+            force_of[lane, c] = 0.0
+            late_rest[lane, c] = -1.0
         for i in range(n):
             share[i] = 0.0
         for group in range(ramp_end.shape[1] // 4):
