@@ -27,8 +27,9 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
     number of lanes and threads. Spaces, reward, info and settings are those of `Lateral17Env`, see
     there; every array has the lanes first. All returned arrays are new.
 
-    Every key of info is paired with a mask `_key`, as Gymnasium has it. With autoreset in the same
-    step, `final_obs` and `final_info` hold the end of the episodes that have just ended.
+    Every key of info is paired with a mask `_key`, as Gymnasium has it; what an entry shows outside
+    of its mask means nothing. With autoreset in the same step, `final_obs` and `final_info` hold
+    the end of the episodes that have just ended.
 
     Args:
         num_envs: Number of lanes.
@@ -202,16 +203,18 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
             self._pictures.begin(chosen)
 
     def _final(self, observation: Observations) -> Info:
-        """What the lanes that have just ended end with."""
+        """What the lanes that have just ended end with; the others are told apart by the mask."""
         done = self._done
         last = np.full(self.num_envs, None, dtype=object)
         lanes: IntArray = done.nonzero()[0]
         for lane in lanes:
             last[lane] = observation[lane].copy()
+        # The whole batch is copied faster than some lanes are picked and put in their places.
+        info = _masked(self._lanes.info(), self.num_envs, lanes)
         return {
             "final_obs": last,
             "_final_obs": done.copy(),
-            "final_info": self._shown(lanes),
+            "final_info": info,
             "_final_info": done.copy(),
         }
 
