@@ -3,6 +3,7 @@
 import gc
 import threading
 import time
+from queue import SimpleQueue
 
 import pytest
 
@@ -39,6 +40,28 @@ def test_an_error_in_a_part_is_raised_after_all_are_done_and_work_goes_on() -> N
     workers.run([lambda: seen.append(2), lambda: seen.append(3)])
     workers.close()
     assert sorted(seen) == [1, 2, 3]
+
+
+def test_an_answer_that_was_not_waited_for_is_not_taken_for_the_next_jobs() -> None:
+    workers, late, order = Workers(2), threading.Event(), []
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    def slow() -> None:
+        late.wait(5.0)
+        order.append("old")
+
+    # The caller gives up while the other thread is still at work: as an interruption would have it.
+    inbox = workers._inboxes[0]
+    inbox.put((slow, SimpleQueue()))
+    threading.Timer(0.05, late.set).start()
+    workers.run([lambda: None, lambda: order.append("new")])
+    assert order == ["old", "new"]
+    with pytest.raises(KeyboardInterrupt):
+        workers.run([interrupted, lambda: order.append("done all the same")])
+    assert order[-1] == "done all the same"
+    workers.close()
 
 
 def test_threads_end_when_closed() -> None:

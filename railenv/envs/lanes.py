@@ -142,7 +142,7 @@ class Lanes:
         """Start a new episode in some lanes.
 
         Args:
-            lanes: Lane numbers, shape (k,); each must have its generator.
+            lanes: Lane numbers, rising, shape (k,).
             out: Observations of all lanes; rows of these lanes are overwritten.
             options: What is fixed instead of drawn, one dictionary per lane; see
                 `Episodes.start`.

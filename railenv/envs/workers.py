@@ -10,8 +10,8 @@ from collections.abc import Callable
 from queue import SimpleQueue
 
 Part = Callable[[], None]
-Inbox = SimpleQueue[Part | None]
 Outbox = SimpleQueue[BaseException | None]
+Inbox = SimpleQueue[tuple[Part, Outbox] | None]
 
 
 class Workers:
@@ -23,11 +23,8 @@ class Workers:
 
     def __init__(self, number: int) -> None:
         self._inboxes: list[Inbox] = [SimpleQueue() for _ in range(number - 1)]
-        self._done: Outbox = SimpleQueue()
         self._threads = [
-            threading.Thread(
-                target=_work, args=(inbox, self._done), name=f"railenv-lanes-{k}", daemon=True
-            )
+            threading.Thread(target=_work, args=(inbox,), name=f"railenv-lanes-{k}", daemon=True)
             for k, inbox in enumerate(self._inboxes, start=1)
         ]
         for thread in self._threads:
@@ -40,12 +37,15 @@ class Workers:
 
         An error in a part is raised here, after all are done.
         """
+        # A box of its own for every job: after an interruption here, the answers still to come
+        # must not be taken for those of the next job.
+        done: Outbox = SimpleQueue()
         for inbox, part in zip(self._inboxes, parts[1:], strict=True):
-            inbox.put(part)
+            inbox.put((part, done))
         try:
             parts[0]()
         finally:
-            errors = [self._done.get() for _ in self._inboxes]
+            errors = [done.get() for _ in self._inboxes]
         for error in errors:
             if error is not None:
                 raise error
@@ -57,8 +57,9 @@ class Workers:
             thread.join()
 
 
-def _work(inbox: Inbox, done: Outbox) -> None:
-    while (part := inbox.get()) is not None:
+def _work(inbox: Inbox) -> None:
+    while (job := inbox.get()) is not None:
+        part, done = job
         try:
             part()
         except BaseException as error:

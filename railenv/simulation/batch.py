@@ -91,9 +91,6 @@ class VehicleBatch:
             vehicles: Vehicle of each in the table, shape (k,).
             delays: Delay of every channel, shape (k, channels) [s].
             state: States x of the vehicles, shape (k, n); None for rest.
-
-        Raises:
-            ArgumentError: The table's plant is too stiff for a delay that is not given in advance.
         """
         here = self.lanes
         modes = np.zeros((len(lanes), self.table.num_modes))

@@ -110,11 +110,6 @@ class PlantTable:
         )
 
     @property
-    def speeds(self) -> FloatArray:
-        """Running speed of each vehicle, shape (vehicles,) [m/s]."""
-        return np.array([vehicle.speed for vehicle in self.vehicles])
-
-    @property
     def smooth(self) -> bool:
         """Whether the compiled stepping can find the effect of a late command by itself."""
         return self.arrays.late.shape[1] > 0
