@@ -7,7 +7,13 @@ from railenv.contact.geometry import FLANGE, TREAD, WheelRail, wheelset_contact
 from railenv.contact.hertz import hertz_contact
 from railenv.contact.kalker import kalker_coefficients
 from railenv.contact.profiles import get_profile
-from railenv.contact.table import ContactArrays, contact_arrays, patch, touch
+from railenv.contact.table import (
+    ContactArrays,
+    contact_arrays,
+    flange_is_free,
+    patch,
+    touch,
+)
 from railenv.errors import ArgumentError
 
 ZONES = (TREAD, FLANGE)
@@ -242,6 +248,22 @@ def test_one_conformal_patch_is_not_counted_twice():
     share = force / (hertz * np.cos(whole.angle) ** 2.5 * 6e-5**1.5)
     # Twice would be 2; the stiffness is averaged over 2 mm of shift, in which it changes threefold.
     assert np.all((share > 0.55) & (share < 1.5))
+
+
+@pytest.mark.parametrize(("wheel", "rail"), [("s1002cn", "cn60"), ("lma", "cn60")])
+def test_a_flange_said_to_be_free_does_not_touch(wheel, rail):
+    arrays = contact_arrays(WheelRail(get_profile(wheel), get_profile(rail)))
+    draw = np.random.default_rng(5)
+    free = 0
+    for _ in range(4000):
+        u, phi, psi = draw.uniform([-0.01, -0.012, -0.012], [0.012, 0.012, 0.012])
+        down = draw.uniform(-0.01, 0.01)
+        if flange_is_free(arrays, u, phi, psi, down):
+            free += 1
+            assert down < touch(arrays, FLANGE, u, phi, psi)[0]
+    assert free > 1000  # of 4000: else it would be no use
+    assert flange_is_free(arrays, 3e-3, 1e-3, 1e-3, 2e-4)
+    assert not flange_is_free(arrays, 9e-3, 0.0, 0.0, 2e-4)
 
 
 def test_patch_is_where_the_search_touches(pair, arrays):

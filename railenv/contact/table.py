@@ -34,6 +34,7 @@ it (conformal contact) is no Hertz contact: the sum of curvatures across is at l
 at least a tenth of the rail's own. That bounds k and the patch's width.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,11 @@ SHIFT_RANGE = (-25e-3, 45e-3)
 
 ROLL_RANGE = (-0.06, 0.06)
 """Rolls that the table holds [rad]."""
+
+FREE_ROLL, FREE_YAW = 0.01, 0.01
+"""Largest roll and yaw for which a free flange is told without looking it up [rad]."""
+
+_FREE_BY = 1e-3  # [m] many times the approach of a loaded wheel
 
 _YAW_LAYER = 0.02  # [rad] the second layer; linear in psi^2 between and beyond
 
@@ -68,6 +74,9 @@ class ContactArrays(NamedTuple):
         tread_yaw: c of the tread zone [m].
         flange_yaw: c of the flange zone [m].
         layer_rate: 1 / psi^2 of the second layer [1/rad^2].
+        free_shift: v up to which the flange is known to be free [m]; see `flange_is_free`.
+        free_height: What it is free by there, less the wheel's motion by roll [m].
+        free_lever: Distance of the wheel from the wheelset's centre [m].
     """
 
     spline: FloatArray
@@ -80,6 +89,9 @@ class ContactArrays(NamedTuple):
     tread_yaw: float
     flange_yaw: float
     layer_rate: float
+    free_shift: float
+    free_height: float
+    free_lever: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -106,6 +118,30 @@ def _weights(t: float) -> tuple[float, float, float, float, float, float, float,
         s * (2.0 - 1.5 * s),
         0.5 * t * t,
     )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def flange_is_free(
+    arrays: ContactArrays, shift: float, roll: float, yaw: float, down: float
+) -> bool:
+    """Return whether the flange surely does not touch, which most wheels' flanges do not.
+
+    Two comparisons in place of `touch`: a B-spline lies above the least of its coefficients. False
+    says nothing.
+
+    Args:
+        arrays: The table.
+        shift: u [m].
+        roll: phi [rad].
+        yaw: psi [rad].
+        down: How far down the wheelset's centre is, relative to the rail [m].
+    """
+    if not (abs(roll) <= FREE_ROLL and abs(yaw) <= FREE_YAW):
+        return False
+    v = shift - arrays.radius * roll + arrays.flange_yaw * yaw * yaw
+    if not arrays.shift_start <= v <= arrays.free_shift:
+        return False
+    return down + arrays.free_lever * roll < arrays.free_height
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -285,6 +321,9 @@ def contact_arrays(
     for zone in (TREAD, FLANGE):
         filled = zone_nodes(pair, zone, v, roll, levers[zone], _YAW_LAYER, hertz)
         spline[zone, ..., :3], patches[zone] = filled
+    lever = pair.tape_circle
+    steps, first = (shift_step, roll_step), float(v[0]) - PAD * shift_step
+    free_shift, free_height = _free(spline[FLANGE], first, steps, lever)
     return ContactArrays(
         spline=spline,
         patch=patches,
@@ -296,4 +335,22 @@ def contact_arrays(
         tread_yaw=levers[TREAD],
         flange_yaw=levers[FLANGE],
         layer_rate=_YAW_LAYER**-2,
+        free_shift=free_shift,
+        free_height=free_height,
+        free_lever=lever,
     )
+
+
+def _free(flange: FloatArray, first: float, shift_step: float, lever: float) -> tuple[float, float]:
+    """Return up to which v, and by how much, the flange is free at small roll and yaw."""
+    half = flange.shape[1] // 2  # the node without roll
+    shift_step, roll_step = steps
+    reach = int(FREE_ROLL / roll_step) + 3  # a point of a cell depends on two nodes to each side
+    near = slice(half - reach, half + reach + 1)
+    rolls = roll_step * np.arange(-reach, reach + 1)
+    bent = np.minimum(flange[:, near, 1], 0.0) * (FREE_YAW / _YAW_LAYER) ** 2
+    least = np.minimum.accumulate((flange[:, near, 0] + bent + lever * rolls).min(axis=1))
+    if not least[0] >= _FREE_BY:
+        return -math.inf, 0.0
+    last = int(np.flatnonzero(least >= _FREE_BY)[-1])
+    return first + (last - 2) * shift_step, float(least[last])
