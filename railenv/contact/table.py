@@ -29,6 +29,10 @@ Against the exact search h errs by 1e-8 m (at most 2e-7 m) on smooth stretches o
 S1002's flange root and at kinks, and 1e-4 m where LMA's root and CN60's corner are all but equally
 round and the contact angle rises by 50 degrees in 0.7 mm of shift.
 
+Where the point of touch jumps, k and all that `patch` returns pass from one side to the other over
+the shifts in which both places carry at the given load (`railenv.contact.table_nodes`): without
+that, what small motion does would depend on the steps of the table.
+
 Curvatures are averaged over the patch's width (see geometry), and a hollow as round as the rail in
 it (conformal contact) is no Hertz contact: the sum of curvatures across is at least 1/(1.5 m) and
 at least a tenth of the rail's own. That bounds k and the patch's width.
@@ -43,6 +47,7 @@ from numba import njit
 from railenv.contact.geometry import FLANGE, TREAD, WheelRail
 from railenv.contact.hertz import POISSON_RATIO, SHEAR_MODULUS
 from railenv.contact.table_nodes import PAD, QUANTITIES, HertzTable, grid, yaw_levers, zone_nodes
+from railenv.errors import check_positive
 from railenv.units import FloatArray
 
 SHIFT_RANGE = (-25e-3, 45e-3)
@@ -53,6 +58,9 @@ ROLL_RANGE = (-0.06, 0.06)
 
 FREE_ROLL, FREE_YAW = 0.01, 0.01
 """Largest roll and yaw for which a free flange is told without looking it up [rad]."""
+
+WHEEL_LOAD = 60e3
+"""Load of a passenger train's wheel [N]."""
 
 _FREE_BY = 1e-3  # [m] many times the approach of a loaded wheel
 
@@ -297,6 +305,7 @@ def contact_arrays(
     roll_step: float = 1.5e-3,
     shear_modulus: float = SHEAR_MODULUS,
     poisson_ratio: float = POISSON_RATIO,
+    load: float = WHEEL_LOAD,
 ) -> ContactArrays:
     """Build the table of a wheel on a rail.
 
@@ -306,6 +315,8 @@ def contact_arrays(
         roll_step: Distance of its nodes in roll [rad].
         shear_modulus: G of wheel and rail [Pa].
         poisson_ratio: nu of both [1].
+        load: Vertical load of a wheel [N]; where the point of touch jumps, patches to both sides
+            share it.
 
     Returns:
         The table; 7 MB and half a second with the steps given here.
@@ -315,11 +326,12 @@ def contact_arrays(
     """
     v = grid("shift_step", shift_step, SHIFT_RANGE, "m")
     roll = grid("roll_step", roll_step, ROLL_RANGE, "rad")
+    check_positive("load", load, "N")
     levers, hertz = yaw_levers(pair), HertzTable(shear_modulus, poisson_ratio)
     spline = np.zeros((2, len(v) + 2 * PAD, len(roll) + 2 * PAD, 4))
     patches = np.empty((*spline.shape[:3], QUANTITIES))
     for zone in (TREAD, FLANGE):
-        filled = zone_nodes(pair, zone, v, roll, levers[zone], _YAW_LAYER, hertz)
+        filled = zone_nodes(pair, zone, v, roll, levers[zone], _YAW_LAYER, hertz, load)
         spline[zone, ..., :3], patches[zone] = filled
     lever = pair.tape_circle
     steps, first = (shift_step, roll_step), float(v[0]) - PAD * shift_step
@@ -341,7 +353,9 @@ def contact_arrays(
     )
 
 
-def _free(flange: FloatArray, first: float, shift_step: float, lever: float) -> tuple[float, float]:
+def _free(
+    flange: FloatArray, first: float, steps: tuple[float, float], lever: float
+) -> tuple[float, float]:
     """Return up to which v, and by how much, the flange is free at small roll and yaw."""
     half = flange.shape[1] // 2  # the node without roll
     shift_step, roll_step = steps

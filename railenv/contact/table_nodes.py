@@ -8,7 +8,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d
 
 from railenv.contact.geometry import FLANGE, TREAD, WheelRail
 from railenv.contact.hertz import hertz_contact
@@ -28,13 +27,11 @@ LEAST_SHARE = 0.1
 QUANTITIES = 10
 """Numbers that `railenv.contact.table.patch` returns."""
 
-SHARING = 2e-3
-"""Standard deviation of the Gaussian over v by which Hertz's constant is averaged [m].
+_INTERPENETRATION = 0.55
+"""Part of Hertz's approach by which rigid profiles overlap over the loaded patch [1]:
+J. Piotrowski, W. Kik, Vehicle System Dynamics 46 (2008) 27."""
 
-Where the rigid point of touch jumps, two patches share the load while their heights differ by less
-than the approach, some 0.1 mm: at slopes that differ by 0.05 that takes 2 mm of shift. The force
--2/5 p^(5/2) dk/du belongs to that distance; over a single step of the table it would be a spike of
-thousands of newtons that grows as the table gets finer."""
+_REACH = 6e-3  # [m] of shift over which patches are asked to share
 
 PAD = 3
 """Nodes added at each edge, on which a cubic B-spline is linear or constant."""
@@ -90,6 +87,7 @@ def zone_nodes(
     yaw_lever: float,
     yaw_layer: float,
     hertz: HertzTable,
+    load: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Fill the nodes of one zone.
 
@@ -101,6 +99,7 @@ def zone_nodes(
         yaw_lever: c of the table's coordinates [m].
         yaw_layer: Yaw angle of the second layer [rad].
         hertz: Hertz's solution.
+        load: Vertical load that neighbouring patches share [N].
 
     Returns:
         B-spline coefficients of the height, of its growth to the second layer, and of the
@@ -114,21 +113,67 @@ def zone_nodes(
     height = _coefficients(_continued(points, v, own))
     growth = _coefficients(_continued(yawed, v, _own_touch(yawed.weight, zone))) - height
     along, across, stiffness = hertz.solve(points)
-    spread = SHARING / (v[1] - v[0])
-    shared = np.exp(gaussian_filter1d(np.log(stiffness), spread, axis=0, mode="nearest"))
-    vertical = points.weight * shared * np.cos(points.angle) ** 2.5
+    cosine = np.cos(points.angle) ** 2.5
+    shares = _Shares(points, v, own, (load / (stiffness * cosine)) ** (2.0 / 3.0))
+    vertical = points.weight * np.exp(shares.mean(np.log(stiffness))) * cosine
     # dr/dy of the wheel where it touches, and by it the point's way forward per yaw angle.
     steep = np.tan(-points.angle - roll)
     forward = -points.radius * (np.cos(roll) * steep + np.sin(roll))
     kalker = hertz.creep_coefficients(along / across)
     columns = (points.radius, points.lateral, forward, points.angle, along, across, *kalker)
-    quantities = [_averaged(_constant(np.take_along_axis(each, own, 0))) for each in columns]
+    quantities = [_averaged(_constant(shares.mean(each))) for each in columns]
     coefficients = (
         _linear(height),
         _linear(growth),
         _constant(np.take_along_axis(vertical, own, 0)),
     )
     return np.stack(coefficients, axis=-1), np.stack(quantities, axis=-1)
+
+
+class _Shares:
+    """How the patches that neighbouring shifts touch with share the load at each node.
+
+    Where the rigid point of touch jumps, two places carry while their heights of touch differ by
+    less than the approach. A neighbour's place, its height going on along the rail's curve to the
+    node, is pressed in by p - gap and carries as (p - gap)^(3/2), with p 0.55 of Hertz's approach.
+    So what is told of a patch changes over a distance that load and angle set, p over the difference
+    of slopes, and not over one step of the table, where the force -2/5 p^(5/2) dk/du would be a
+    spike that grows as the steps shrink.
+
+    Args:
+        points: The touches of the nodes.
+        v: Shifts of the nodes [m].
+        own: The node whose touch each shows.
+        approach: Hertz's at the shared load [m].
+    """
+
+    def __init__(self, points: TouchPoints, v: FloatArray, own: IntArray, approach: FloatArray):
+        self._own = own
+        reach = min(round(_REACH / (v[1] - v[0])), len(v) - 1)
+        height, slope, bend = (
+            np.take_along_axis(each, own, 0)
+            for each in (points.height, points.shift_slope, points.rail_curvature)
+        )
+        p = _INTERPENETRATION * np.take_along_axis(approach, own, 0)
+        nodes = np.arange(len(v))
+        self._parts: list[tuple[IntArray, FloatArray]] = []
+        total = np.zeros_like(height)
+        for offset in range(-reach, reach + 1):
+            other = np.clip(nodes + offset, 0, len(v) - 1)
+            away = (v - v[other])[:, None]
+            gap = height[other] + away * (slope[other] + 0.5 * bend[other] * away) - height
+            weight = np.clip(1.0 - np.maximum(gap, 0.0) / p, 0.0, None) ** 1.5
+            self._parts.append((other, weight))
+            total += weight
+        self._total = total
+
+    def mean(self, values: FloatArray) -> FloatArray:
+        """Return the mean over the patches that share, shape of the nodes."""
+        here = np.take_along_axis(values, self._own, 0)
+        found = np.zeros_like(here)
+        for other, weight in self._parts:
+            found += weight * here[other]
+        return found / self._total
 
 
 def yaw_levers(pair: WheelRail) -> tuple[float, float]:
