@@ -330,11 +330,12 @@ def test_at_a_jump_the_load_sets_the_width_and_not_the_steps(pair):
 
 
 def test_the_stiffness_of_a_jump_does_not_push_outwards(arrays):
-    # The force of -2/5 p^(5/2) dk/du at 60 kN: over one step of the table it was thousands of N.
+    # -2/5 p^(5/2) dk/du at 60 kN; the slopes to both sides differ by 0.05, 3 kN. Over one step of
+    # the table it was thousands of newtons.
     u = np.arange(-1e-3, 1.5e-3, 2e-5)
     values = touches(arrays, TREAD, u, 0 * u, 0 * u)
     approach = (60e3 / values[4]) ** (2.0 / 3.0)
-    assert np.max(np.abs(0.4 * approach**2.5 * values[5])) < 1500.0
+    assert np.max(np.abs(0.4 * approach**2.5 * values[5])) < 300.0
 
 
 def test_patch_is_longer_in_the_direction_of_the_larger_radius(arrays):

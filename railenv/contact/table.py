@@ -29,9 +29,9 @@ Against the exact search h errs by 1e-8 m (at most 2e-7 m) on smooth stretches o
 S1002's flange root and at kinks, and 1e-4 m where LMA's root and CN60's corner are all but equally
 round and the contact angle rises by 50 degrees in 0.7 mm of shift.
 
-Where the point of touch jumps, k and all that `patch` returns pass from one side to the other over
-the shifts in which both places carry at the given load (`railenv.contact.table_nodes`): without
-that, what small motion does would depend on the steps of the table.
+Where the point of touch jumps, all that `patch` returns passes from one side to the other over the
+shifts in which both places carry at the given load, and k over some millimetres
+(`railenv.contact.table_nodes`): without that, small motion would depend on the table's steps.
 
 Curvatures are averaged over the patch's width (see geometry), and a hollow as round as the rail in
 it (conformal contact) is no Hertz contact: the sum of curvatures across is at least 1/(1.5 m) and
