@@ -19,7 +19,11 @@ from railenv.track.irregularity import Track, make_track, one_period, parse_spec
 from railenv.track.spectra import get_spectrum
 from railenv.units import FloatArray, Metre
 
-_CHANNELS = ("alignment", "cross_level")
+LATERAL_CHANNELS = ("alignment", "cross_level")
+"""What a model of lateral motion reads, in the order of the weights' columns."""
+
+FULL_CHANNELS = (*LATERAL_CHANNELS, "vertical", "gauge")
+"""What both rails' places follow from."""
 
 SPACING = 0.25
 """Grid step of a realised track [m], an eighth of the shortest wave: the spline differs from that
@@ -30,9 +34,9 @@ class TrackArrays(NamedTuple):
     """What the compiled sampling reads.
 
     Attributes:
-        weights: Weights of the uniform cubic B-splines whose sum is alignment, cross level, of all
-            tracks one after the other, shape (weights, 2) [m]; interval i of a track has the four
-            from its number i on.
+        weights: Weights of the uniform cubic B-splines whose sum is each channel, of all tracks one
+            after the other, shape (weights, channels) [m]; interval i of a track has the four from
+            its number i on.
         first: Where each track's weights begin, shape (tracks,).
         intervals: Grid intervals of each track, shape (tracks,).
         periodic: Whether its first point comes after the last, shape (tracks,).
@@ -53,7 +57,7 @@ class PooledTrack:
     Attributes:
         name: Its description.
         spacing: Grid step [m].
-        weights: See `TrackArrays`, shape (intervals + 3, 2).
+        weights: See `TrackArrays`, shape (intervals + 3, channels).
         length: Length of the period, or of the track [m].
         periodic: Whether it goes on with its beginning after its end.
         taper: Distance over which a run's irregularity grows from zero [m]; 0 for a track that has
@@ -93,7 +97,11 @@ class PooledTrack:
 
 
 def pool_of_tracks(
-    specs: Sequence[str], number: int, length: float, seed: int
+    specs: Sequence[str],
+    number: int,
+    length: float,
+    seed: int,
+    channels: Sequence[str] = LATERAL_CHANNELS,
 ) -> tuple[PooledTrack, ...]:
     """Realise a pool of tracks.
 
@@ -102,6 +110,7 @@ def pool_of_tracks(
         number: How many; a flat track and a measured file are taken once, whatever the number.
         length: Length of the longest run [m].
         seed: Seed of the pool; track k does not depend on `number`.
+        channels: Which channels; each has a stream of its own and does not depend on the others.
 
     Returns:
         The tracks; realised spectra are periodic, with a period of `length` or more.
@@ -120,24 +129,24 @@ def pool_of_tracks(
         name, settings = parse_spec(spec)
         if name == "flat" or name.lower().endswith(".csv"):
             if spec not in known:
-                pool.append(single_track(make_track(spec, length, 0)))
+                pool.append(single_track(make_track(spec, length, 0), channels))
             known.add(spec)
             continue
         spectrum = get_spectrum(name).at_level(settings["level"])
         stream = np.random.SeedSequence(seed, spawn_key=(k,))
-        spacing, heights = one_period(spectrum, length, stream, SPACING, channels=_CHANNELS)
+        spacing, heights = one_period(spectrum, length, stream, SPACING, channels=tuple(channels))
         closed = {c: np.append(values, values[0]) for c, values in heights.items()}
-        weights = _weights(spacing, closed, periodic=True)
+        weights = _weights(spacing, closed, channels, periodic=True)
         taper, period = settings.get("taper", 100.0), spacing * (len(weights) - 3)
         pool.append(PooledTrack(spec, spacing, weights, period, True, taper))
     return tuple(pool)
 
 
-def single_track(track: Track) -> PooledTrack:
+def single_track(track: Track, channels: Sequence[str] = LATERAL_CHANNELS) -> PooledTrack:
     """Return a track as it stands, to be run from its beginning."""
     zero = np.zeros(track.points)
-    heights = {c: track.channels.get(c, zero) for c in _CHANNELS}
-    weights = _weights(track.spacing, heights, periodic=False)
+    heights = {c: track.channels.get(c, zero) for c in channels}
+    weights = _weights(track.spacing, heights, channels, periodic=False)
     # One interval more, of which only the beginning is needed: the last point itself.
     weights = np.concatenate([weights, weights[-1:]])
     return PooledTrack(track.name, track.spacing, weights, track.length, False, 0.0)
@@ -155,14 +164,16 @@ def table_of(tracks: Sequence[PooledTrack]) -> TrackArrays:
     )
 
 
-def _weights(spacing: float, heights: Mapping[str, FloatArray], periodic: bool) -> FloatArray:
+def _weights(
+    spacing: float, heights: Mapping[str, FloatArray], channels: Sequence[str], periodic: bool
+) -> FloatArray:
     """Return the B-spline weights of the cubic splines through heights on a grid.
 
     At a grid point the three splines that reach it make the height y = (c_- + 4 c + c_+) / 6 and
     its second derivative y'' spacing^2 = c_- - 2 c + c_+; so c = y - y'' spacing^2 / 6.
     """
     columns: list[FloatArray] = []
-    for channel in _CHANNELS:
+    for channel in channels:
         y = heights[channel]
         grid = spacing * np.arange(len(y), dtype=np.float64)
         spline = CubicSpline(grid, y, bc_type="periodic" if periodic else "not-a-knot")
