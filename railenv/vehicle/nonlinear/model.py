@@ -192,7 +192,17 @@ class FullVehicle:
     @cached_property
     def contact_arrays(self) -> ContactArrays:
         """Contact of the right wheel by table."""
-        return _table(self.contact, self.parameters.lateral.wheel_radius)
+        # Whatever does not change the geometry must not make another table.
+        plain = ContactSettings()
+        alike = dataclasses.replace(
+            self.contact,
+            friction=plain.friction,
+            law=plain.law,
+            polach_adhesion=plain.polach_adhesion,
+            polach_slip=plain.polach_slip,
+            damping=plain.damping,
+        )
+        return _table(alike, self.parameters.lateral.wheel_radius)
 
     @cached_property
     def creep_arrays(self) -> CreepTable:
