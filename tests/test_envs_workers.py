@@ -1,72 +1,94 @@
-"""The threads that share the lanes of a step."""
+"""The threads that help with the steps."""
 
 import gc
 import threading
 import time
-from queue import SimpleQueue
 
+import numpy as np
 import pytest
 
+from railenv.envs import workers as module
+from railenv.envs.lanes import Lanes
+from railenv.envs.settings import EnvSettings
 from railenv.envs.workers import Workers
+
+NUMBER = 200
 
 
 def named() -> list[threading.Thread]:
     return [t for t in threading.enumerate() if t.name.startswith("railenv-lanes")]
 
 
-def test_every_part_is_done_once_and_in_threads_of_its_own() -> None:
-    workers, seen = Workers(3), []
-    workers.run([lambda: seen.append(threading.get_ident())] * 3)
+def lanes() -> Lanes:
+    made = Lanes(EnvSettings(delay=(0.0, 0.3), track_pool=2), NUMBER)
+    made.generators = [np.random.Generator(np.random.PCG64(k)) for k in range(NUMBER)]
+    made.reset(np.arange(NUMBER))
+    return made
+
+
+def asleep(workers: Workers) -> bool:
+    """Wait until all of them sleep; at first they may have to be compiled."""
+    deadline = time.monotonic() + 120.0
+    while not workers._asleep.all() and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return bool(workers._asleep.all())
+
+
+def step_until_it_fails(workers: Workers) -> None:
+    for _ in range(1000):
+        workers.step()
+        time.sleep(0.001)
+
+
+def test_a_thread_that_was_left_alone_for_a_while_sleeps_and_is_woken_by_the_next_step() -> None:
+    made = lanes()
+    workers = Workers(made._bound(), 2)
+    for period in range(1, 6):
+        workers.step()
+        assert np.all(made.here.periods == period)
+        assert asleep(workers)
     workers.close()
-    assert len(seen) == 3
-    assert threading.get_ident() in seen
 
 
-def test_parts_run_at_the_same_time() -> None:
-    workers, meeting = Workers(2), threading.Barrier(2, timeout=5.0)
-    # either part would wait in vain for the other if they came one after the other
-    workers.run([lambda: meeting.wait() and None] * 2)
+def test_a_thread_stays_awake_between_steps_that_follow_each_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    served = []
+
+    def counted(*arguments: object) -> None:
+        served.append(1)
+        serve(*arguments)
+
+    serve = module.serve
+    monkeypatch.setattr(module, "serve", counted)
+    workers = Workers(lanes()._bound(), 2)
+    for _ in range(500):
+        workers.step()
     workers.close()
+    # Woken for every step it would be 500 times; on a busy machine it may fall asleep now and then.
+    assert 1 <= len(served) < 250
 
 
-def test_an_error_in_a_part_is_raised_after_all_are_done_and_work_goes_on() -> None:
-    workers, seen = Workers(2), []
-
-    def fails() -> None:
+def test_an_error_of_a_thread_is_raised_and_work_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
         raise ValueError("enough")
 
+    made = lanes()
+    monkeypatch.setattr(module, "serve", fails)
+    workers = Workers(made._bound(), 2)
     with pytest.raises(ValueError, match="enough"):
-        workers.run([lambda: seen.append(1), fails])
-    workers.run([lambda: seen.append(2), lambda: seen.append(3)])
+        step_until_it_fails(workers)
+    monkeypatch.undo()
+    before = made.here.periods.copy()
+    workers.step()
     workers.close()
-    assert sorted(seen) == [1, 2, 3]
-
-
-def test_an_answer_that_was_not_waited_for_is_not_taken_for_the_next_jobs() -> None:
-    workers, late, order = Workers(2), threading.Event(), []
-
-    def interrupted() -> None:
-        raise KeyboardInterrupt
-
-    def slow() -> None:
-        late.wait(5.0)
-        order.append("old")
-
-    # The caller gives up while the other thread is still at work: as an interruption would have it.
-    inbox = workers._inboxes[0]
-    inbox.put((slow, SimpleQueue()))
-    threading.Timer(0.05, late.set).start()
-    workers.run([lambda: None, lambda: order.append("new")])
-    assert order == ["old", "new"]
-    with pytest.raises(KeyboardInterrupt):
-        workers.run([interrupted, lambda: order.append("done all the same")])
-    assert order[-1] == "done all the same"
-    workers.close()
+    np.testing.assert_array_equal(made.here.periods, before + 1)
 
 
 def test_threads_end_when_closed() -> None:
     before = len(named())
-    workers = Workers(3)
+    workers = Workers(lanes()._bound(), 3)
+    workers.step()
     assert len(named()) == before + 2
     workers.close()
     assert len(named()) == before
@@ -74,8 +96,8 @@ def test_threads_end_when_closed() -> None:
 
 def test_threads_end_when_their_owner_is_forgotten() -> None:
     before = len(named())
-    workers = Workers(2)
-    workers.run([lambda: None] * 2)
+    workers = Workers(lanes()._bound(), 2)
+    workers.step()
     del workers
     gc.collect()
     deadline = time.monotonic() + 5.0

@@ -94,11 +94,7 @@ class DelayLine:
             lanes: Lane numbers, shape (k,).
             delays: Delay of every channel, shape (k, channels) [s], not negative.
         """
-        arrays = self.arrays
-        arrays.whole_steps[lanes], arrays.rest[lanes] = split_delay(delays, self._time_step)
-        arrays.last[lanes] = 0.0
-        arrays.waiting[lanes] = 0
-        arrays.head[lanes] = 0
+        begin_queues(self.arrays, lanes, delays, self._time_step)
 
     def issue(
         self,
@@ -138,13 +134,42 @@ class DelayLine:
 
 def split_delay(delays: FloatArray, time_step: float) -> tuple[IntArray, FloatArray]:
     """Split delays into whole physics steps and a remainder in [0, time_step) [s]."""
-    whole = np.floor(delays / time_step).astype(np.int64)
+    parts = np.array([_split(float(delay), time_step) for delay in delays.flat]).reshape(-1, 2)
+    whole = parts[:, 0].astype(np.int64)
+    return whole.reshape(delays.shape), parts[:, 1].reshape(delays.shape)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _split(delay: float, time_step: float) -> tuple[int, float]:
+    """Split one delay."""
+    whole = int(np.floor(delay / time_step))
     # The quotient may round up to the next whole number: then the remainder would be negative.
-    whole -= (delays < whole * time_step).astype(np.int64)
-    rest = np.minimum(delays - whole * time_step, time_step)
+    if delay < whole * time_step:
+        whole -= 1
+    rest = min(delay - whole * time_step, time_step)
     # The difference may round up to a whole step.
-    full = rest >= time_step
-    return whole + full, np.where(full, 0.0, rest)
+    return (whole + 1, 0.0) if rest >= time_step else (whole, rest)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin_queues(queue: QueueArrays, lanes: IntArray, delays: FloatArray, time_step: float) -> None:
+    """Empty the queues of some lanes and set their delays.
+
+    Args:
+        queue: The queues; changed.
+        lanes: Lane numbers, shape (k,).
+        delays: Delay of every channel, shape (k, m) [s], not negative.
+        time_step: h [s].
+    """
+    for number in range(len(lanes)):
+        lane = lanes[number]
+        for c in range(delays.shape[1]):
+            whole, rest = _split(delays[number, c], time_step)
+            queue.whole_steps[lane, c] = whole
+            queue.rest[lane, c] = rest
+            queue.last[lane, c] = 0.0
+            queue.waiting[lane, c] = 0
+            queue.head[lane, c] = 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

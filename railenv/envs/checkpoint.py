@@ -7,13 +7,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from railenv.envs.lanes import Lanes
+from railenv.envs.episode_lanes import EpisodeLanes
 from railenv.errors import ArgumentError
 
 _VERSION = 1
 
 
-def state_of(lanes: Lanes, own: dict[str, Any]) -> dict[str, Any]:
+def state_of(lanes: EpisodeLanes, own: dict[str, Any]) -> dict[str, Any]:
     """Return everything that the coming steps of the lanes depend on.
 
     Args:
@@ -34,7 +34,7 @@ def state_of(lanes: Lanes, own: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def restored(lanes: Lanes, checkpoint: Any, own: tuple[str, ...]) -> dict[str, Any]:
+def restored(lanes: EpisodeLanes, checkpoint: Any, own: tuple[str, ...]) -> dict[str, Any]:
     """Put lanes back to a checkpoint and return what the environment around them had added.
 
     Args:
@@ -60,7 +60,7 @@ def restored(lanes: Lanes, checkpoint: Any, own: tuple[str, ...]) -> dict[str, A
     return checkpoint["own"]
 
 
-def _check(lanes: Lanes, given: Any, own: tuple[str, ...]) -> None:
+def _check(lanes: EpisodeLanes, given: Any, own: tuple[str, ...]) -> None:
     parts = ("version", "settings", "num_lanes", "arrays", "given_tracks", "generators", "own")
     checkpoint = cast("dict[str, Any]", given if isinstance(given, dict) else {})
     whole = all(part in checkpoint for part in parts)
@@ -85,7 +85,7 @@ def _check(lanes: Lanes, given: Any, own: tuple[str, ...]) -> None:
         raise ArgumentError("checkpoint does not have one random stream per lane")
 
 
-def _fingerprint(lanes: Lanes) -> str:
+def _fingerprint(lanes: EpisodeLanes) -> str:
     """The settings as text; numbers that are equal are written alike, whatever their type."""
 
     def plain(value: Any) -> Any:

@@ -76,33 +76,6 @@ class DelayDraw:
         """Whether channels can have different delays."""
         return self.per_channel or bool(np.ptp(self.low) or np.ptp(self.high))
 
-    def delays(self, uniform: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Turn uniform draws into delays.
-
-        Args:
-            uniform: Draws from [0, 1), shape (lanes, channels + 1).
-
-        Returns:
-            Delays from measurement to force, shape (lanes, channels) [s], and the sensors' share
-            of them, shape (lanes,) [s].
-        """
-        share = uniform[:, :-1] if self.per_channel else uniform[:, :1]
-        sensor = self.sensor[0] + (self.sensor[1] - self.sensor[0]) * uniform[:, -1]
-        return self.low + (self.high - self.low) * share + sensor[:, None], sensor
-
-    def told(self, delays: FloatArray, uniform: FloatArray) -> FloatArray:
-        """Return the delays that the observation tells, never below zero.
-
-        The error is drawn from [-told_error, told_error], or from [-delay, told_error] where a
-        delay is shorter than `told_error`.
-
-        Args:
-            delays: True delays, shape (lanes, channels) [s].
-            uniform: Draws from [0, 1), shape (lanes,).
-        """
-        lowest = -np.minimum(self.told_error, delays)
-        return delays + lowest + (self.told_error - lowest) * uniform[:, None]
-
 
 def check_longest(longest: float, allowed: float) -> None:
     """Check the sum of all parts of a delay against `max_delay`.

@@ -13,14 +13,21 @@ from numpy.typing import NDArray
 
 from railenv.actuation import DelaySpec
 from railenv.envs.delays import check_longest
-from railenv.envs.observation import measured_names
+from railenv.envs.draws import BEFORE_DELAYS, EpisodeArrays, Ranges, draw_episodes, tell_delays
+from railenv.envs.observation import bound, measured_names
 from railenv.envs.settings import EnvSettings
 from railenv.envs.start import StartPool
 from railenv.errors import ArgumentError, check_count, unknown_name
 from railenv.simulation import PlantTable
 from railenv.simulation.excitation import Places, wheels_of
 from railenv.track import make_track
-from railenv.track.table import PooledTrack, pool_of_tracks, single_track, table_of
+from railenv.track.table import (
+    LATERAL_CHANNELS,
+    PooledTrack,
+    pool_of_tracks,
+    single_track,
+    table_of,
+)
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, get_vehicle, lateral17
 from railenv.vehicle.coordinates import actuator_positions
@@ -48,36 +55,28 @@ class Episodes:
         track_table: Pool and tracks given in person, ready for sampling.
         draw: From what delays are drawn.
         places: Where the lanes run.
-        vehicle: Vehicle of each lane, shape (lanes,).
-        delay: From measurement to force, without jitter, shape (lanes, channels) [s].
-        sensor_delay: The sensors' share of it, shape (lanes,) [s].
-        told: The told delays, shape (lanes, channels) [s].
+        arrays: What else their episodes have drawn.
     """
+
+    channels: tuple[str, ...] = LATERAL_CHANNELS
+    """Channels of the tracks."""
 
     def __init__(self, settings: EnvSettings, num_lanes: int, recorded: Sequence[str]) -> None:
         self.settings = s = settings
+        self._recorded = tuple(recorded)
         self.draw = s.delays()
         self._level = s.level_range()
         self.vehicles: tuple[LateralVehicle, ...] = _vehicles(s)
-        self.measured = measured_names(self.vehicles[0], s.observation)
-        positions = actuator_positions(self.vehicles[0].layout)
-        # Behind a lag the force is no command any more: it has to be taken from the state.
-        forces = tuple(f"actuator_force_{k}" for k in positions) if s.actuator_lag else ()
-        self.table = PlantTable(
-            self.vehicles, recorded, (*self.measured, *forces), s.actuator(), s.time_step
-        )
         self.wheels = wheels_of(self.vehicles)
         longest = float(self.wheels.speed.max()) * (s.episode_seconds + StartPool.seconds(s))
         self.tracks: tuple[PooledTrack, ...] = pool_of_tracks(
-            s.tracks(), s.track_pool, longest, s.pool_seed
+            s.tracks(), s.track_pool, longest, s.pool_seed, self.channels
         )
         self.track_table = table_of(self.tracks)
         self._given: dict[int, PooledTrack] = {}
-        self._tapers = np.array([track.taper for track in self.tracks])
-        # Where a run may start: anywhere on a periodic track, at the beginning of others.
-        self._room = np.array([track.length * track.periodic for track in self.tracks])
-        self.start_pool = StartPool.of(s, self.table, self.wheels, self.tracks)
-        channels = self.table.num_channels
+        self.measured, self.start_pool = self._prepared()
+        self._ranges = self._all_ranges()
+        channels = self.num_channels
         self.places = Places(
             track=np.zeros(num_lanes, dtype=np.int64),
             start=np.zeros(num_lanes),
@@ -85,10 +84,72 @@ class Episodes:
             running=np.zeros(num_lanes, dtype=bool),
             amplitude=np.full(num_lanes, np.sqrt(self._level[0])),
         )
-        self.vehicle: IntArray = np.zeros(num_lanes, dtype=np.int64)
-        self.delay: FloatArray = np.zeros((num_lanes, channels))
-        self.sensor_delay: FloatArray = np.zeros(num_lanes)
-        self.told: FloatArray = np.zeros((num_lanes, channels))
+        self.arrays = EpisodeArrays(
+            vehicle=np.zeros(num_lanes, dtype=np.int64),
+            moment=np.zeros(num_lanes, dtype=np.int64),
+            delay=np.zeros((num_lanes, channels)),
+            sensor_delay=np.zeros(num_lanes),
+            told=np.zeros((num_lanes, channels)),
+        )
+
+    @staticmethod
+    def limits_of(name: str) -> tuple[float, str, float]:
+        """Return the largest reading of a measured column, its unit, and its usual size."""
+        return bound(name)
+
+    def _prepared(self) -> tuple[tuple[str, ...], StartPool | None]:
+        """Make the vehicles ready for stepping; return measured columns and start states."""
+        s = self.settings
+        measured = measured_names(self.vehicles[0], s.observation)
+        positions = actuator_positions(self.vehicles[0].layout)
+        # Behind a lag the force is no command any more: it has to be taken from the state.
+        forces = tuple(f"actuator_force_{k}" for k in positions) if s.actuator_lag else ()
+        self.table = PlantTable(
+            self.vehicles, self._recorded, (*measured, *forces), s.actuator(), s.time_step
+        )
+        return measured, StartPool.of(s, self.table, self.wheels, self.tracks)
+
+    @property
+    def num_channels(self) -> int:
+        """Actuator channels."""
+        return len(actuator_positions(self.vehicles[0].layout))
+
+    def _all_ranges(self) -> Ranges:
+        draw, pool = self.draw, self.start_pool
+        nowhere = np.zeros((len(self.vehicles), 0))
+        return Ranges(
+            vehicles=len(self.vehicles),
+            # Where a run may start: anywhere on a periodic track, at the beginning of others.
+            room=np.array([track.length * track.periodic for track in self.tracks]),
+            taper=np.array([track.taper for track in self.tracks]),
+            level=np.array(self._level, dtype=np.float64),
+            low=np.array(draw.low, dtype=np.float64),
+            high=np.array(draw.high, dtype=np.float64),
+            sensor=np.array(draw.sensor, dtype=np.float64),
+            per_channel=draw.per_channel,
+            start_track=nowhere.astype(np.int64) if pool is None else pool.track.copy(),
+            start_place=nowhere if pool is None else pool.place.copy(),
+        )
+
+    @property
+    def vehicle(self) -> IntArray:
+        """Vehicle of each lane, shape (lanes,); not a copy, as those below."""
+        return self.arrays.vehicle
+
+    @property
+    def delay(self) -> FloatArray:
+        """From measurement to force, without jitter, shape (lanes, channels) [s]."""
+        return self.arrays.delay
+
+    @property
+    def sensor_delay(self) -> FloatArray:
+        """The sensors' share of it, shape (lanes,) [s]."""
+        return self.arrays.sensor_delay
+
+    @property
+    def told(self) -> FloatArray:
+        """The told delays, shape (lanes, channels) [s]."""
+        return self.arrays.told
 
     def start(
         self,
@@ -108,47 +169,37 @@ class Episodes:
         Returns:
             States of the vehicles at the start, shape (k, n); None for rest.
         """
-        channels = self.table.num_channels
-        u = np.array([generator.random(channels + 7) for generator in generators])
-        vehicle = _choice(u[:, 0], len(self.vehicles))
-        track = _choice(u[:, 1], len(self.tracks))
-        delay, sensor = self.draw.delays(u[:, 6:])
+        size = BEFORE_DELAYS + self.num_channels + 1
+        u = np.empty((len(lanes), size))
+        for row, generator in zip(u, generators, strict=True):
+            generator.random(out=row)
+        draw_episodes(self._ranges, self.places, self.arrays, lanes, u)
         fixed_tracks: list[tuple[int, int]] = []
         for k, given in enumerate(options or ()):
-            vehicle[k] = given.get("vehicle", vehicle[k])
+            lane = lanes[k]
+            if "vehicle" in given:
+                self._fix_vehicle(lane, given["vehicle"])
             if "delay" in given:
-                delay[k], sensor[k] = self._fixed_delay(given["delay"])
+                self.delay[lane], self.sensor_delay[lane] = self._fixed_delay(given["delay"])
             if "track_seed" in given:
                 fixed_tracks.append((k, int(given["track_seed"])))
-        self.vehicle[lanes] = vehicle
-        self.delay[lanes] = delay
-        self.sensor_delay[lanes] = sensor
         if self.settings.delay_observed:
-            self.told[lanes] = self.draw.told(delay, u[:, 5])
-        low, high = self._level
-        if high > low:
-            self.places.amplitude[lanes] = np.sqrt(low + (high - low) * u[:, 3])
-        if self.start_pool is not None:
-            return self._start_controlled(lanes, vehicle, u[:, 4])
-        self.places.track[lanes] = track
-        self.places.start[lanes] = self._room[track] * u[:, 2]
-        self.places.taper[lanes] = self._tapers[track]
+            tell_delays(self.arrays, self.draw.told_error, lanes, u)
         if fixed_tracks:
             self._put_on_given(lanes, fixed_tracks)
-        return None
-
-    def _start_controlled(
-        self, lanes: IntArray, vehicle: IntArray, uniform: FloatArray
-    ) -> FloatArray:
-        pool = self.start_pool
-        assert pool is not None
-        moment = _choice(uniform, pool.states.shape[1])
-        self.places.track[lanes] = pool.track[vehicle, moment]
-        self.places.start[lanes] = pool.place[vehicle, moment]
-        self.places.taper[lanes] = 0.0
-        self.places.running[lanes] = True
+        if self.start_pool is None:
+            return None
         # The vehicle is linear, the sky-hook far from its limits: the state grows with the track.
-        return pool.states[vehicle, moment] * self.places.amplitude[lanes, None]
+        states = self.start_pool.states[self.vehicle[lanes], self.arrays.moment[lanes]]
+        return states * self.places.amplitude[lanes, None]
+
+    def _fix_vehicle(self, lane: int, vehicle: int) -> None:
+        self.vehicle[lane] = vehicle
+        if self.start_pool is not None:
+            # A state under control belongs to its vehicle and its place.
+            moment = self.arrays.moment[lane]
+            self.places.track[lane] = self.start_pool.track[vehicle, moment]
+            self.places.start[lane] = self.start_pool.place[vehicle, moment]
 
     def check(self, given: dict[str, Any]) -> None:
         """Check what is to be fixed in one lane.
@@ -186,7 +237,7 @@ class Episodes:
                 "the environment"
             )
         check_longest(spec.longest + self.draw.varying.jitter, self.settings.max_delay)
-        delays = spec.per_channel(self.table.num_channels)
+        delays = spec.per_channel(self.num_channels)
         if self.settings.delay_observed and not self.draw.channels_differ and np.ptp(delays):
             raise ArgumentError(
                 f"delay = {delay!r} differs between channels, but the observation has one told "
@@ -256,7 +307,7 @@ class Episodes:
             self.places.taper[lanes[k]] = 0.0
 
     def _realised(self, length: float, seed: int) -> PooledTrack:
-        return single_track(make_track(self.settings.tracks()[0], length, seed))
+        return single_track(make_track(self.settings.tracks()[0], length, seed), self.channels)
 
 
 def _vehicles(settings: EnvSettings) -> tuple[LateralVehicle, ...]:
@@ -268,8 +319,3 @@ def _vehicles(settings: EnvSettings) -> tuple[LateralVehicle, ...]:
     return tuple(
         draw_vehicles(base, s.layout, s.speed_kmh, s.ranges(), s.vehicle_pool, s.pool_seed)
     )
-
-
-def _choice(uniform: FloatArray, number: int) -> IntArray:
-    """Turn uniform draws into numbers below `number`."""
-    return np.minimum((uniform * number).astype(np.int64), number - 1)

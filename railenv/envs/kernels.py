@@ -288,6 +288,42 @@ def observe(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def end_period(
+    active: BoolArray,
+    first: int,
+    end: int,
+    ended: IntArray,
+    last_period: int,
+    periods: IntArray,
+    reward: FloatArray,
+    terminated: BoolArray,
+    truncated: BoolArray,
+) -> None:
+    """Count the period of the lanes from `first` to before `end` and say whose episode is over.
+
+    Args:
+        active: Lanes that take part, shape (lanes,); the others' episodes are not over.
+        first: First lane.
+        end: One past the last lane.
+        ended: 0, `GAUGE` or `DIVERGENCE`, shape (lanes,).
+        last_period: Control periods of an episode.
+        periods: Control periods since the start, shape (lanes,); changed.
+        reward: Shape (lanes,); zero for lanes that take no part.
+        terminated: Lanes that left the gauge or diverged, shape (lanes,); overwritten.
+        truncated: Lanes that have reached their length, shape (lanes,); overwritten.
+    """
+    for lane in range(first, end):
+        if active[lane]:
+            periods[lane] += 1
+            terminated[lane] = ended[lane] != NOT_ENDED
+            truncated[lane] = periods[lane] >= last_period
+        else:
+            reward[lane] = 0.0
+            terminated[lane] = False
+            truncated[lane] = False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def begin_episodes(reward: RewardArrays, arrays: ObservationArrays, which: IntArray) -> None:
     """Forget the past of some lanes.
 

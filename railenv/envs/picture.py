@@ -4,11 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from railenv.envs.lanes import BoolArray, IntArray, Lanes
+from railenv.envs.episode_lanes import BoolArray, EpisodeLanes, IntArray
 from railenv.errors import unknown_name
 from railenv.rendering import View, Window, draw_frame, draw_text
 from railenv.units import FloatArray
-from railenv.vehicle.coordinates import NUM_COORDINATES
 
 RENDER_MODES = ("human", "rgb_array", "ansi")
 
@@ -37,12 +36,12 @@ class Pictures:
         lanes: The lanes.
     """
 
-    def __init__(self, lanes: Lanes) -> None:
+    def __init__(self, lanes: EpisodeLanes) -> None:
         self._lanes = lanes
         s, n = lanes.settings, lanes.num_lanes
-        self._past: FloatArray = np.zeros((n, round(SHOWN_SECONDS / s.time_step), 2))
+        self._past: FloatArray = np.zeros((n, round(SHOWN_SECONDS / s.record_period()), 2))
         periods = int(s.max_delay / s.control_period) + 1
-        self._sent: FloatArray = np.zeros((n, periods, lanes.true_delay.shape[1]))
+        self._sent: FloatArray = np.zeros((n, periods, lanes.here.true_delay.shape[1]))
         self._reward: FloatArray = np.zeros(n)
         self._windows: dict[int, Window] = {}
 
@@ -69,12 +68,12 @@ class Pictures:
         alignment, cross_level = lanes.track_around(lane, _AHEAD)
         samples, periods = self._past.shape[1], self._sent.shape[1]
         ages = s.control_period * np.arange(1.0, periods + 1.0, dtype=np.float64)
-        past = s.time_step * np.arange(1.0 - samples, 1.0, dtype=np.float64)
+        past = s.record_period() * np.arange(1.0 - samples, 1.0, dtype=np.float64)
         return View(
             time=float(info["time"]),
             speed=float(info["speed"]),
             layout=str(lanes.episodes.vehicles[0].layout),
-            coordinates=lanes.state(lane)[:NUM_COORDINATES],
+            **lanes.pictured(lane),
             force=info["force"],
             command=info["command"],
             force_limit=s.force_limit,

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railenv.envs.checkpoint import restored, state_of
+from railenv.envs.episode_lanes import EpisodeLanes
 from railenv.envs.lanes import Lanes
 from railenv.envs.picture import RENDER_MODES, Pictures, check_render_mode
 from railenv.envs.spaces import checked_settings, single_spaces
@@ -120,18 +121,21 @@ class Lateral17Env(gym.Env[Observation, Observation]):
     }
 
     def __init__(self, render_mode: str | None = None, **settings: Any) -> None:
-        self.settings = checked_settings(settings)
         self.render_mode = check_render_mode(render_mode)
+        self._lanes = self._made(settings)
+        self.settings = self._lanes.settings
         self.metadata = {
             **self.metadata,
             "render_fps": round(1.0 / self.settings.control_period),
         }
-        self._lanes = Lanes(self.settings, 1)
         self.observation_space, self.action_space = single_spaces(self._lanes)  # pyright: ignore
-        self._columns, self._actions = len(self._lanes.bounds), (self._lanes.num_actions,)
-        self._active = np.ones(1, dtype=bool)
+        self._actions = (self._lanes.num_actions,)
         self._started = False
         self._pictures = None if render_mode is None else Pictures(self._lanes)
+
+    def _made(self, settings: dict[str, Any]) -> EpisodeLanes:
+        """The one lane, of these settings."""
+        return Lanes(checked_settings(settings), 1)
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -173,12 +177,11 @@ class Lateral17Env(gym.Env[Observation, Observation]):
         if options is not None and not isinstance(options, dict):  # pyright: ignore
             raise ArgumentError(f"options = {options!r} must be a dictionary")
         self._lanes.generators[0] = self.np_random
-        observation: Observation = np.empty((1, self._columns), dtype=np.float32)
-        self._lanes.reset(_ONLY, observation, [dict(options or {})])
+        self._lanes.reset(_ONLY, [dict(options)] if options else None)
         self._started = True
         if self._pictures is not None:
             self._pictures.begin(_ONLY)
-        return observation[0], self._info()
+        return self._lanes.here.observation[0].copy(), self._info()
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Send an action on its way and advance by one control period.
@@ -200,14 +203,13 @@ class Lateral17Env(gym.Env[Observation, Observation]):
             raise ArgumentError(f"action = {action!r} must be finite; give numbers in [-1, 1]")
         if not self._started:
             raise ArgumentError("step before the first reset; call reset first")
-        lanes = self._lanes
-        observation: Observation = np.empty((1, self._columns), dtype=np.float32)
-        reward = np.empty(1)
-        lanes.step(wanted[None], self._active, reward, observation)
+        here = self._lanes.here
+        here.actions[0] = wanted
+        self._lanes.step()
         if self._pictures is not None:
-            self._pictures.note(self._active, reward)
-        ended, late = bool(lanes.reward.ended[0]), bool(lanes.out_of_time[0])
-        return observation[0], float(reward[0]), ended, late, self._info()
+            self._pictures.note(here.active, here.reward)
+        ended, late = bool(here.terminated[0]), bool(here.truncated[0])
+        return here.observation[0].copy(), float(here.reward[0]), ended, late, self._info()
 
     def checkpoint(self) -> dict[str, Any]:
         """Return everything that the coming steps depend on: plain arrays, numbers and texts.

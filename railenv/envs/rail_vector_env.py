@@ -1,5 +1,6 @@
 """The vectorised Gymnasium environment: thousands of vehicles in one process."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from railenv.envs.checkpoint import restored, state_of
-from railenv.envs.lanes import BoolArray, IntArray, Lanes
+from railenv.envs.episode_lanes import BoolArray, EpisodeLanes, IntArray
+from railenv.envs.lanes import Lanes
 from railenv.envs.picture import RENDER_MODES, Pictures, check_render_mode
 from railenv.envs.spaces import checked_settings, single_spaces
 from railenv.errors import ArgumentError, check_count, unknown_name
@@ -55,9 +57,9 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
         self.num_envs = check_count("num_envs", num_envs)
         check_count("threads", threads)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
-        self.settings = checked_settings(settings)
         self.render_mode = check_render_mode(render_mode)
-        self._lanes = Lanes(self.settings, self.num_envs, min(threads, self.num_envs))
+        self._lanes = self._made(settings, min(threads, self.num_envs))
+        self.settings = self._lanes.settings
         self.metadata = {
             "render_modes": list(RENDER_MODES),
             "render_fps": round(1.0 / self.settings.control_period),
@@ -66,13 +68,15 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
         self.single_observation_space, self.single_action_space = single_spaces(self._lanes)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._shape = (self.num_envs, len(self._lanes.bounds))
         self._actions = (self.num_envs, self._lanes.num_actions)
         self._done: BoolArray = np.ones(self.num_envs, dtype=bool)
         self._seeds: list[int | None] = [None] * self.num_envs
         self._started = False
-        self._observation: Observations = np.zeros(self._shape, dtype=np.float32)
         self._pictures = None if render_mode is None else Pictures(self._lanes)
+
+    def _made(self, settings: dict[str, Any], threads: int) -> EpisodeLanes:
+        """The lanes, of these settings."""
+        return Lanes(checked_settings(settings), self.num_envs, threads)
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -134,14 +138,12 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
             if chosen is not None:
                 self._lanes.generators[lane] = seeding.np_random(chosen)[0]
                 self._seeds[lane] = chosen
-        observation = self._observation.copy()
-        self._lanes.reset(lanes, observation, fixed)
+        self._lanes.reset(lanes, fixed)
         self._done[lanes] = False
         self._started = self._started or not self._done.any()
-        self._observation = observation
         if self._pictures is not None:
             self._pictures.begin(lanes)
-        return observation.copy(), self._shown(lanes)
+        return self._lanes.here.observation.copy(), self._shown(lanes)
 
     def step(
         self, actions: Observations
@@ -164,8 +166,9 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
                 f"actions of shape {given.shape} and type {given.dtype} must be "
                 f"{self._actions} numbers in [-1, 1]"
             )
-        wanted = given.astype(np.float64)
-        if not np.isfinite(wanted).all():
+        lanes, here = self._lanes, self._lanes.here
+        here.actions[...] = given
+        if not np.isfinite(here.actions).all():
             raise ArgumentError("actions hold a value that is not finite; give numbers in [-1, 1]")
         if not self._started:
             raise ArgumentError("step before the first reset; call reset first")
@@ -175,36 +178,33 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
                 f"lane {int(np.argmax(self._done))} has ended; reset it first, by "
                 'options={"reset_mask": ...}'
             )
-        lanes, active = self._lanes, ~self._done
-        observation: Observations = np.empty(self._shape, dtype=np.float32)
-        reward = np.zeros(self.num_envs)
-        lanes.step(wanted, active, reward, observation)
+        np.logical_not(self._done, out=here.active)
+        lanes.step()
         if self._pictures is not None:
-            self._pictures.note(active, reward)
-        terminated = lanes.ended & active
-        truncated = lanes.out_of_time & active
+            self._pictures.note(here.active, here.reward)
+        reward, terminated = here.reward.copy(), here.terminated.copy()
+        truncated = here.truncated.copy()
         if again:
-            self._restart(self._done, observation)
+            self._restart(self._done)
         self._done = terminated | truncated
         final: Info = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
-            final = self._final(observation)
-            self._restart(self._done, observation)
+            final = self._final()
+            self._restart(self._done)
             self._done = np.zeros(self.num_envs, dtype=bool)
-        self._observation = observation
         info = _masked(lanes.info(), self.num_envs)
         info.update(final)
-        return observation.copy(), reward, terminated, truncated, info
+        return here.observation.copy(), reward, terminated, truncated, info
 
-    def _restart(self, which: BoolArray, observation: Observations) -> None:
-        chosen = np.nonzero(which)[0].astype(np.int64)
-        self._lanes.reset(chosen, observation)
+    def _restart(self, which: BoolArray) -> None:
+        chosen: IntArray = which.nonzero()[0]
+        self._lanes.reset(chosen)
         if self._pictures is not None:
             self._pictures.begin(chosen)
 
-    def _final(self, observation: Observations) -> Info:
+    def _final(self) -> Info:
         """What the lanes that have just ended end with; the others are told apart by the mask."""
-        done = self._done
+        done, observation = self._done, self._lanes.here.observation
         last = np.full(self.num_envs, None, dtype=object)
         lanes: IntArray = done.nonzero()[0]
         for lane in lanes:
@@ -233,7 +233,7 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
 
         `restore` of an environment with the same settings and number of lanes goes on identically.
         """
-        own = {"done": self._done.copy(), "observation": self._observation.copy()}
+        own = {"done": self._done.copy(), "observation": self._lanes.here.observation.copy()}
         return state_of(self._lanes, {**own, "seeds": list(self._seeds), "started": self._started})
 
     def restore(self, checkpoint: dict[str, Any]) -> None:
@@ -244,7 +244,7 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
         """
         own = restored(self._lanes, checkpoint, ("done", "observation", "seeds", "started"))
         self._done = own["done"].copy()
-        self._observation = own["observation"].copy()
+        self._lanes.here.observation[...] = own["observation"]
         self._seeds = list(own["seeds"])
         self._started = bool(own["started"])
         if self._pictures is not None:
@@ -328,5 +328,11 @@ def _masked(info: dict[str, NDArray[Any]], num_lanes: int, lanes: IntArray | Non
         masks[:, lanes] = True
     paired: Info = {}
     for (name, values), mask in zip(info.items(), masks, strict=True):
-        paired[name], paired[f"_{name}"] = values, mask
+        paired[name] = values
+        paired[_mask_name(name)] = mask
     return paired
+
+
+@cache
+def _mask_name(name: str) -> str:
+    return f"_{name}"

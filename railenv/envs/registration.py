@@ -3,12 +3,17 @@
 import gymnasium as gym
 
 LATERAL17 = "railenv/Lateral17-v0"
+FULL50 = "railenv/Full50-v0"
 
 _ENTRY_POINTS = {
     LATERAL17: (
         "railenv.envs.rail_env:Lateral17Env",
         "railenv.envs.rail_vector_env:Lateral17VectorEnv",
-    )
+    ),
+    FULL50: (
+        "railenv.envs.full_env:Full50Env",
+        "railenv.envs.full_env:Full50VectorEnv",
+    ),
 }
 
 

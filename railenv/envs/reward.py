@@ -56,7 +56,7 @@ def reward_constants(settings: EnvSettings) -> RewardConstants:
 
 def reward_arrays(settings: EnvSettings, num_lanes: int) -> RewardArrays:
     """Return what the reward of every lane remembers, before anything has happened."""
-    n, sections = num_lanes, ride_filter(1.0 / settings.time_step)
+    n, sections = num_lanes, ride_filter(1.0 / settings.record_period())
     return RewardArrays(
         sections=sections,
         memory=np.zeros((n, 2, len(sections), 2)),
@@ -80,8 +80,8 @@ def rewards_of_record(
     as the passive one. A run that ends early earns nothing more.
 
     Args:
-        settings: Gives the constants, the control period and the physics step.
-        recorded: The signals `RECORDED` after every physics step, shape (lanes, steps, 8).
+        settings: Gives the constants, the control period and the time between records.
+        recorded: The signals `RECORDED` after every record step, shape (lanes, steps, 8).
         actions: Actions as applied, shape (lanes, periods, actions); None for no effort.
 
     Returns:
@@ -90,7 +90,7 @@ def rewards_of_record(
     Raises:
         ArgumentError: The record has the wrong shape or holds no whole number of periods.
     """
-    per_period = round(settings.control_period / settings.time_step)
+    per_period = round(settings.control_period / settings.record_period())
     if recorded.ndim != 3 or recorded.shape[2] != len(RECORDED) or recorded.shape[1] % per_period:
         raise ArgumentError(
             f"recorded has shape {recorded.shape}; it must be (lanes, steps, {len(RECORDED)}) with "

@@ -250,6 +250,10 @@ class EnvSettings:
             raise ArgumentError(f"track_level = ({low:g}, {high:g}) is upside down")
         return low, high
 
+    def record_period(self) -> float:
+        """Return the time between the accelerations that enter the reward [s]."""
+        return self.time_step
+
     def num_periods(self) -> int:
         """Return how many actions an episode has."""
         return whole_multiple(

@@ -1,30 +1,43 @@
-"""Threads that share the lanes of a step: they wait for work, do it, and say so.
+"""Threads that help with the steps: they share blocks of lanes with the one that calls.
 
-A pool of the standard library does the same, but takes longer to hand a part over than a thousand
-lanes take to be stepped.
+Between the steps a thread stays awake in compiled code for a while, ready for the next one; then it
+sleeps until it is woken (`railenv.envs.whole_step`).
 """
 
 import threading
 import weakref
-from collections.abc import Callable
 from queue import SimpleQueue
+from typing import Any
 
-Part = Callable[[], None]
-Outbox = SimpleQueue[BaseException | None]
-Inbox = SimpleQueue[tuple[Part, Outbox] | None]
+import numpy as np
+
+from railenv.envs.whole_step import APART, FAILED, OWN, IntArray, lead, serve
+
+Inbox = SimpleQueue[bool]
 
 
 class Workers:
-    """Threads that each do one part of a job; they end with this object, or when it is closed.
+    """Threads that help; they end with this object, or when it is closed.
 
     Args:
-        number: Parts of a job; the caller does the first of them itself.
+        bundle: What the steps read and write, for good.
+        number: Threads, the caller's among them.
     """
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, bundle: Any, number: int) -> None:
+        self._bundle = bundle
+        self._tally: IntArray = np.zeros(OWN + 2 * APART * number, dtype=np.int64)
+        self._asleep = self._tally[OWN + APART :: 2 * APART][1:]
+        self._asleep[:] = 1
+        self._errors: list[BaseException] = []
         self._inboxes: list[Inbox] = [SimpleQueue() for _ in range(number - 1)]
         self._threads = [
-            threading.Thread(target=_work, args=(inbox,), name=f"railenv-lanes-{k}", daemon=True)
+            threading.Thread(
+                target=_work,
+                args=(bundle, self._tally, k, inbox, self._errors),
+                name=f"railenv-lanes-{k}",
+                daemon=True,
+            )
             for k, inbox in enumerate(self._inboxes, start=1)
         ]
         for thread in self._threads:
@@ -32,23 +45,19 @@ class Workers:
         # The threads hold the boxes, not this object, so that it can be forgotten.
         self._end = weakref.finalize(self, _tell_all_to_end, self._inboxes)
 
-    def run(self, parts: list[Part]) -> None:
-        """Do all parts, one in each thread, and come back when the last is done.
+    def step(self) -> None:
+        """Advance all lanes by one control period.
 
-        An error in a part is raised here, after all are done.
+        An error of a thread is raised here; nothing can be said about the lanes then.
         """
-        # A box of its own for every job: after an interruption here, the answers still to come
-        # must not be taken for those of the next job.
-        done: Outbox = SimpleQueue()
-        for inbox, part in zip(self._inboxes, parts[1:], strict=True):
-            inbox.put((part, done))
-        try:
-            parts[0]()
-        finally:
-            errors = [done.get() for _ in self._inboxes]
-        for error in errors:
-            if error is not None:
-                raise error
+        for k, inbox in enumerate(self._inboxes):
+            if self._asleep[k]:
+                self._asleep[k] = 0
+                inbox.put(True)
+        lead(self._bundle, self._tally)
+        if self._errors:
+            self._tally[FAILED] = 0
+            raise self._errors.pop()
 
     def close(self) -> None:
         """Let the threads end, and wait for it."""
@@ -57,18 +66,18 @@ class Workers:
             thread.join()
 
 
-def _work(inbox: Inbox) -> None:
-    while (job := inbox.get()) is not None:
-        part, done = job
+def _work(
+    bundle: Any, tally: IntArray, thread: int, inbox: Inbox, errors: list[BaseException]
+) -> None:
+    while inbox.get():
         try:
-            part()
+            serve(bundle, tally, thread)
         except BaseException as error:
-            # Whatever it is: the caller of `run` waits for an answer, and raises it.
-            done.put(error)
-        else:
-            done.put(None)
+            # Whatever it is: the caller of `step` waits, and raises it.
+            errors.append(error)
+            tally[FAILED] = 1
 
 
 def _tell_all_to_end(inboxes: list[Inbox]) -> None:
     for inbox in inboxes:
-        inbox.put(None)
+        inbox.put(False)

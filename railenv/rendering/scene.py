@@ -30,7 +30,11 @@ LARGEST_SIZE = (3840, 2160)
 LEAST_FULL_SCALE = 500.0
 """Smallest full scale of force arrows and bars [N]."""
 
-ENDING_WORDS = {"gauge": "LEFT THE GAUGE", "divergence": "DIVERGED"}
+ENDING_WORDS = {
+    "gauge": "LEFT THE GAUGE",
+    "divergence": "DIVERGED",
+    "derailment": "DERAILED",
+}
 """What the banner says."""
 
 # Left, top, right, bottom [design pixels].

@@ -37,6 +37,7 @@ FACTOR = 60.0
 
 _LATERAL_LIMIT = 1.0  # most that a body is drawn aside [m of the drawing]
 _ROLL_LIMIT = 0.14  # most that a body is drawn turned [rad]; air springs stay longer than nothing
+_LIFT_LIMIT = 0.3  # most that a wheelset is drawn above the rails [m of the drawing]
 _ARROW_LENGTH = 34.0  # of a force at full scale [design pixels]; two of them act here
 _TITLE_HEIGHT, _RULER_HEIGHT = 17.0, 33.0  # inside the panel [design pixels]
 _FRAME_TOP, _FRAME_DEPTH = 0.16, 0.20  # bogie frame: above its centre of gravity, depth [m]
@@ -85,22 +86,24 @@ class _Drawing:
     centre: float
     ground: float
 
-    def placed(self, lateral: float, roll: float, pivot: float) -> _Placing:
+    def placed(self, lateral: float, roll: float, pivot: float, lift: float = 0.0) -> _Placing:
         """Return how a body's points (y, height above rail) are drawn.
 
         Args:
             lateral: Displacement of the body's pivot to the right [m].
             roll: Turn about the pivot, right side down [rad].
             pivot: Height of the pivot above the rails [m].
+            lift: Displacement of the pivot upwards [m].
         """
         aside = exaggerated(lateral, FACTOR, _LATERAL_LIMIT)
         turned = exaggerated(roll, FACTOR, _ROLL_LIMIT)
+        raised = exaggerated(lift, FACTOR, _LIFT_LIMIT)
         cosine, sine = math.cos(turned), math.sin(turned)
 
         def place(y: float, height: float) -> Point:
             down = pivot - height
             right = aside + y * cosine - down * sine
-            lower = y * sine + down * cosine - pivot
+            lower = y * sine + down * cosine - pivot - raised
             return self.centre + self.scale * right, self.ground + self.scale * lower
 
         return place
@@ -160,13 +163,20 @@ def section(view: View, panel: Panel, full_scale: float) -> list[Shape]:
 
 
 def _track_and_wheelset(drawing: _Drawing) -> list[Shape]:
-    """Return sleeper, rails and the mean of the bogie's two wheelsets, turned with the track."""
+    """Return sleeper, rails and the mean of the bogie's two wheelsets, turned with the track.
+
+    A wheelset whose own roll and height are known is drawn with these.
+    """
     view, box = drawing.view, drawing.box
     p = view.parameters
     alignment, cross_level = view.track_at(p.half_bogie_spacing)
     roll = cross_level / (2.0 * p.half_contact_spacing)
     lateral = 0.5 * (view.coordinate("wheelset1_lateral") + view.coordinate("wheelset2_lateral"))
-    track, wheelset = drawing.placed(alignment, roll, 0.0), drawing.placed(lateral, roll, 0.0)
+    track = drawing.placed(alignment, roll, 0.0)
+    if view.wheelset_roll is not None:
+        roll = float(view.wheelset_roll[:2].mean())
+    lift = 0.0 if view.wheelset_lift is None else float(view.wheelset_lift[:2].mean())
+    wheelset = drawing.placed(lateral, roll, 0.0, lift)
     b, r = p.half_contact_spacing, p.wheel_radius
     shapes: list[Shape] = [box(track, (-1.3, -0.20, 1.3, -0.10), FRAME, name="sleeper")]
     shapes.append(box(wheelset, (-b, r - 0.08, b, r + 0.08), STEEL, INK))

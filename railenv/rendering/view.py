@@ -27,6 +27,7 @@ from railenv.units import (
 from railenv.vehicle import VehicleParameters, get_vehicle
 from railenv.vehicle.coordinates import (
     NUM_COORDINATES,
+    WHEELSETS,
     actuator_positions,
     coordinate_index,
     lateral_of_point,
@@ -37,7 +38,7 @@ from railenv.vehicle.linear import FASTEST
 NUM_FLOORS = 2
 """Floor places whose acceleration and ride index are shown: front, rear."""
 
-ENDINGS = ("", "gauge", "divergence")
+ENDINGS = ("", "gauge", "divergence", "derailment")
 """Why an episode ended; the empty text while it goes on."""
 
 LARGEST = 1e100
@@ -47,6 +48,7 @@ LONGEST_TIME = 1e6
 """Longest time and delay that are labelled [s]."""
 
 _NOT_YET_KNOWN = ("ride_index",)
+_OF_WHEELSETS = ("wheelset_roll", "wheelset_lift")
 
 
 def _default_parameters() -> VehicleParameters:
@@ -76,8 +78,10 @@ class View:
         history_acceleration: Lateral acceleration of floor front and rear, shape (h, 2) [m/s^2].
         ride_index: Running ride index of floor front and rear, shape (2,) [1]; NaN: not yet known.
         reward: Reward of the last step [1]; None where there is none.
-        ended_by: "", "gauge" or "divergence".
+        ended_by: "", "gauge", "divergence" or "derailment".
         parameters: The vehicle's numbers, for the proportions of the drawing.
+        wheelset_roll: Roll of wheelsets 1 to 4, shape (4,) [rad]; None: as of the track there.
+        wheelset_lift: Their heights above the rails, shape (4,) [m]; None: they stay on them.
 
     Raises:
         ArgumentError: An array has the wrong shape, a value is not finite, or an order is wrong.
@@ -103,6 +107,8 @@ class View:
     reward: Dimensionless | None
     ended_by: str
     parameters: VehicleParameters = field(default_factory=_default_parameters)
+    wheelset_roll: FloatArray | None = None
+    wheelset_lift: FloatArray | None = None
 
     def __post_init__(self) -> None:
         check_not_negative("time", self.time, "seconds")
@@ -187,12 +193,20 @@ class View:
             found = getattr(self, name).shape
             if found != shape:
                 raise ArgumentError(f"{name} has shape {found}; it must be {shape}")
+        for name in _OF_WHEELSETS:
+            given: FloatArray | None = getattr(self, name)
+            if given is not None and given.shape != (len(WHEELSETS),):
+                raise ArgumentError(
+                    f"{name} has shape {given.shape}; it must be ({len(WHEELSETS)},), or None"
+                )
 
     def _check_numbers(self) -> None:
         for entry in dataclasses.fields(self):
-            if entry.type != FloatArray or entry.name in _NOT_YET_KNOWN:
+            if entry.type != FloatArray and entry.name not in _OF_WHEELSETS:
                 continue
-            values: FloatArray = getattr(self, entry.name)
+            values: FloatArray | None = getattr(self, entry.name)
+            if values is None or entry.name in _NOT_YET_KNOWN:
+                continue
             if not np.all(np.abs(values) <= LARGEST):
                 raise ArgumentError(
                     f"{entry.name} holds a value that is not finite or beyond {LARGEST:g}; show "

@@ -5,7 +5,10 @@ inputs and the commands, afterwards reads the outputs. Parts of the lanes may be
 different threads at the same time.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from railenv.actuation import ActuatorSpec, DelayLine
 from railenv.actuation.delay_line import BoolArray, IntArray
@@ -27,6 +30,7 @@ class VehicleBatch:
         actuator: Force and rate limit; its lag is in the table.
 
     Attributes:
+        plant: What the table holds for the compiled stepping, in whole cache lines.
         step: Physics steps since each lane's start, shape (lanes,).
         track: Track inputs (alignment at wheelsets 1 to 4 [m], track roll there [rad]) at the start
             of the coming period and the end of each of its steps, shape (lanes, steps + 1, 8).
@@ -48,17 +52,22 @@ class VehicleBatch:
     ) -> None:
         n, m = table.num_modes, table.num_channels
         self.table = table
+        arrays: dict[str, Any] = table.arrays._asdict()
+        del arrays["time_step"]
+        self.plant = table.arrays._replace(
+            **{name: _on_cache_lines(values) for name, values in arrays.items()}
+        )
         self.line = DelayLine(
             num_lanes, m, table.time_step, steps_per_command, longest_delay, actuator
         )
         self.lanes = LaneArrays(
             vehicle=np.zeros(num_lanes, dtype=np.int64),
-            state=np.zeros((num_lanes, n)),
+            state=_on_cache_lines(np.zeros((num_lanes, n))),
             step=np.zeros(num_lanes, dtype=np.int64),
             force=np.zeros((num_lanes, m)),
-            late=np.zeros((num_lanes, m, n)),
+            late=_on_cache_lines(np.zeros((num_lanes, m, n))),
             late_rest=np.full((num_lanes, m), -1.0),
-            track=np.zeros((num_lanes, steps_per_command + 1, NUM_TRACK)),
+            track=_on_cache_lines(np.zeros((num_lanes, steps_per_command + 1, NUM_TRACK))),
         )
         self.commands: FloatArray = np.zeros((num_lanes, m))
         self.later: FloatArray = np.zeros((num_lanes, m))
@@ -92,15 +101,18 @@ class VehicleBatch:
             delays: Delay of every channel, shape (k, channels) [s].
             state: States x of the vehicles, shape (k, n); None for rest.
         """
-        here = self.lanes
-        modes = np.zeros((len(lanes), self.table.num_modes))
+        self.line.start(lanes, delays)
+        modes = self.modes(vehicles, state)
+        begin(self.plant, self.lanes, lanes, vehicles, modes, self.sampled)
+        self.prepare_late(lanes)
+
+    def modes(self, vehicles: IntArray, state: FloatArray | None) -> FloatArray:
+        """Return the modes xi of states x, one per vehicle number, shape (k, n); None for rest."""
+        modes = np.zeros((len(vehicles), self.table.num_modes))
         if state is not None:
             for k, vehicle in enumerate(vehicles):
                 modes[k] = self.table.to_modes(int(vehicle), state[k])
-        self.line.start(lanes, delays)
-        begin(self.table.arrays, here, lanes, vehicles, modes, self.sampled)
-        if not self.table.smooth:
-            self._prepare_late(lanes)
+        return modes
 
     def advance(self, first: int, end: int) -> None:
         """Send the commands of the lanes from `first` to before `end` and advance them a period."""
@@ -108,7 +120,7 @@ class VehicleBatch:
             self.lanes.step, self.active, first, end, self.commands, self.later, self.lost
         )
         advance(
-            self.table.arrays,
+            self.plant,
             self.lanes,
             self.line.arrays,
             self.active,
@@ -139,10 +151,10 @@ class VehicleBatch:
             ]
         )
 
-    def _prepare_late(self, lanes: IntArray) -> None:
+    def prepare_late(self, lanes: IntArray) -> None:
         """Without a series the effect of a late command is found once for constant delays."""
         here, rest = self.lanes, self.line.arrays.rest
-        for lane in lanes:
+        for lane in lanes if not self.table.smooth else ():
             for channel, late_by in enumerate(rest[lane]):
                 effect = self.table.late_effect(int(here.vehicle[lane]), float(late_by))
                 here.late[lane, channel] = effect[channel]
@@ -160,3 +172,13 @@ class VehicleBatch:
                 f"the physics step of {self.table.time_step:g} s; make the actuator's lag longer, "
                 "or zero, or time_step shorter"
             )
+
+
+def _on_cache_lines(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a copy that begins where a cache line of 64 bytes does, for the vectors' sake."""
+    line = 64
+    raw = np.empty(values.nbytes + line, dtype=np.uint8)
+    start = -raw.ctypes.data % line
+    copy = raw[start : start + values.nbytes].view(values.dtype).reshape(values.shape)
+    copy[...] = values
+    return copy

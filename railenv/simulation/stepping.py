@@ -23,17 +23,30 @@ watches only the file of the function that is called: a change elsewhere would g
 was.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir as llvm_ir  # pyright: ignore[reportMissingTypeStubs]
 from numba import njit
+from numba.core import cgutils as code_generation
+from numba.core import types
+from numba.extending import intrinsic as compiled_from
 from numpy.typing import NDArray
 
 from railenv.actuation.delay_line import QueueArrays
 from railenv.units import FloatArray
 
+# The compiler's own tools, which have no type stubs.
+ir: Any = llvm_ir
+cgutils: Any = code_generation
+intrinsic: Any = compiled_from
+
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+AT_ONCE = (40, 24, 8, 1)
+"""Columns that `add_rows` takes at once: as many as are left at most, the largest number first."""
 
 
 class PlantArrays(NamedTuple):
@@ -88,6 +101,96 @@ class LaneArrays(NamedTuple):
     track: FloatArray
 
 
+@intrinsic
+def add_rows(
+    _: Any, rows: Any, number: Any, values: Any, first: Any, sums: Any
+) -> tuple[Any, Callable[..., Any]]:
+    """Add rows of a matrix times a number each: sums += values[first:] @ rows[number].
+
+    What the plain loops over groups of four rows a, b, c, d would give, to the last bit,
+
+        sums[i] += rows[number, a, i] * values[first + a] + ... + rows[number, d, i] * ...
+
+    with the sums of some columns held in registers from the first row to the last: the loops, left
+    to the compiler, take two to three times as long.
+
+    Args:
+        rows: Shape (any, a multiple of four, columns).
+        number: Which of the matrices.
+        values: One number per row, from `first` on.
+        first: Where they begin.
+        sums: Shape (columns,); changed.
+    """
+    signature = types.void(rows, number, values, first, sums)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        matrix, value, total = (
+            context.make_array(signature.args[k])(context, builder, arguments[k]) for k in (0, 2, 4)
+        )
+        _, count, width = cgutils.unpack_tuple(builder, matrix.shape, 3)
+        size = builder.mul(count, width)
+        matrix_at = builder.gep(matrix.data, [builder.mul(arguments[1], size)])
+        value_at = builder.gep(value.data, [arguments[3]])
+        groups = builder.sdiv(count, count.type(4))
+        begin = count.type(0)
+        for columns in AT_ONCE:
+            blocks = builder.sdiv(builder.sub(width, begin), count.type(columns))
+            with cgutils.for_range(builder, blocks) as block:
+                here = builder.add(begin, builder.mul(block.index, count.type(columns)))
+                _add_block(
+                    builder,
+                    columns,
+                    builder.gep(matrix_at, [here]),
+                    width,
+                    groups,
+                    value_at,
+                    builder.gep(total.data, [here]),
+                )
+            begin = builder.add(begin, builder.mul(blocks, count.type(columns)))
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _add_block(
+    builder: Any, columns: int, matrix: Any, width: Any, groups: Any, value: Any, total: Any
+) -> None:
+    """Write the code that adds up some neighbouring columns, eight in each vector."""
+    lanes = min(columns, 8)
+    vector = ir.VectorType(ir.DoubleType(), lanes)
+    everywhere = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
+    integer = width.type
+
+    def load(pointer: Any, *offset: Any) -> Any:
+        for steps in offset:
+            pointer = builder.gep(pointer, [steps])
+        return builder.load(builder.bitcast(pointer, vector.as_pointer()), align=8)
+
+    parts = [integer(start) for start in range(0, columns, lanes)]
+    sums = [cgutils.alloca_once_value(builder, load(total, part)) for part in parts]
+    with cgutils.for_range(builder, groups) as group:
+        row = builder.mul(group.index, integer(4))
+        numbers = [builder.add(row, integer(k)) for k in range(4)]
+        factors: list[Any] = []
+        for k in numbers:
+            one = builder.load(builder.gep(value, [k]))
+            single = builder.insert_element(vector(ir.Undefined), one, ir.IntType(32)(0))
+            factors.append(builder.shuffle_vector(single, vector(ir.Undefined), everywhere))
+        offsets = [builder.mul(k, width) for k in numbers]
+        for part, place in zip(parts, sums, strict=True):
+            products = [
+                builder.fmul(load(matrix, offset, part), factor)
+                for offset, factor in zip(offsets, factors, strict=True)
+            ]
+            four = products[0]
+            for product in products[1:]:
+                four = builder.fadd(four, product)
+            builder.store(builder.fadd(builder.load(place), four), place)
+    for part, place in zip(parts, sums, strict=True):
+        there = builder.bitcast(builder.gep(total, [part]), vector.as_pointer())
+        builder.store(builder.load(place), there, align=8)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def begin(
     plant: PlantArrays,
@@ -107,8 +210,8 @@ def begin(
         modes: xi of these lanes, shape (count, n).
         sampled: Outputs, shape (lanes, q); overwritten for these lanes.
     """
-    final_rows, ramp_end = (plant.final, plant.ramp_end)
-    state, force_of, track, vehicle_of = lanes.state, lanes.force, lanes.track, lanes.vehicle
+    final_rows, ramp_end, state, force_of = plant.final, plant.ramp_end, lanes.state, lanes.force
+    track, vehicle_of = lanes.track, lanes.vehicle
     step_of, late_rest = lanes.step, lanes.late_rest
     n, m, k = state.shape[1], force_of.shape[1], track.shape[2]
     width = final_rows.shape[2]
@@ -128,33 +231,53 @@ def begin(
             late_rest[lane, c] = -1.0
         for i in range(n):
             share[i] = 0.0
-        for group in range(ramp_end.shape[1] // 4):
-            j = 4 * group
-            a, b, c, d = v[n + j], v[n + j + 1], v[n + j + 2], v[n + j + 3]
-            for i in range(n):
-                share[i] += (
-                    ramp_end[vehicle, j, i] * a
-                    + ramp_end[vehicle, j + 1, i] * b
-                    + ramp_end[vehicle, j + 2, i] * c
-                    + ramp_end[vehicle, j + 3, i] * d
-                )
+        add_rows(ramp_end, vehicle, v, n, share)
         for i in range(n):
             v[i] = modes[number, i] - share[i]
             state[lane, i] = v[i]
-        for i in range(width):
+        for i in range(len(y)):
             y[i] = 0.0
-        for group in range(final_rows.shape[1] // 4):
-            j = 4 * group
-            a, b, c, d = v[j], v[j + 1], v[j + 2], v[j + 3]
-            for i in range(width):
-                y[i] += (
-                    final_rows[vehicle, j, i] * a
-                    + final_rows[vehicle, j + 1, i] * b
-                    + final_rows[vehicle, j + 2, i] * c
-                    + final_rows[vehicle, j + 3, i] * d
-                )
+        add_rows(final_rows, vehicle, v, 0, y)
         for i in range(width - p):
             sampled[lane, i] = y[p + i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def effect_of_rest(
+    series: FloatArray,
+    vehicle: int,
+    channel: int,
+    place: float,
+    work: FloatArray,
+    lane: int,
+    late: FloatArray,
+) -> None:
+    """Sum the series of one channel's column of G(h - r) by Clenshaw's rule.
+
+    A function of its own, although it is handed arrays: it is needed seldom, and in the middle of
+    `advance` it would cost the loops around it registers.
+
+    Args:
+        series: Chebyshev coefficients, shape (vehicles, terms, m, n).
+        vehicle: Number of the vehicle.
+        channel: Which channel.
+        place: h - r on the scale from -1 to 1 of the series.
+        work: Two rows to work in, shape (2, n); overwritten.
+        lane: Number of the lane.
+        late: Shape (lanes, m, n); overwritten for this lane and channel.
+    """
+    n = work.shape[1]
+    for i in range(n):
+        work[0, i] = 0.0
+        work[1, i] = 0.0
+    for term in range(series.shape[1] - 1, 0, -1):
+        one, other = term % 2, (term + 1) % 2
+        for i in range(n):
+            work[one, i] = (
+                2.0 * place * work[other, i] - work[one, i] + series[vehicle, term, channel, i]
+            )
+    for i in range(n):
+        late[lane, channel, i] = place * work[1, i] - work[0, i] + series[vehicle, 0, channel, i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -235,16 +358,7 @@ def advance(
                     here, there = v[i], v[half + i]
                     new[i] = pairs[vehicle, 0, i] * here + pairs[vehicle, 1, i] * there
                     new[half + i] = pairs[vehicle, 2, i] * here + pairs[vehicle, 3, i] * there
-            for group in range(input_rows.shape[1] // 4):
-                j = 4 * group
-                a, b, c, d = v[n + j], v[n + j + 1], v[n + j + 2], v[n + j + 3]
-                for i in range(n):
-                    new[i] += (
-                        input_rows[vehicle, j, i] * a
-                        + input_rows[vehicle, j + 1, i] * b
-                        + input_rows[vehicle, j + 2, i] * c
-                        + input_rows[vehicle, j + 3, i] * d
-                    )
+            add_rows(input_rows, vehicle, v, n, new)
             for c in range(m):
                 while waiting[lane, c] > 0:
                     slot = head[lane, c]
@@ -252,23 +366,8 @@ def advance(
                         break
                     rest = arrival_rest[lane, slot, c]
                     if rest != late_rest[lane, c]:
-                        # Clenshaw's sum of the series of this channel's column of G(h - rest).
                         place = 2.0 * (h - rest) / h - 1.0
-                        for i in range(n):
-                            work[0, i] = 0.0
-                            work[1, i] = 0.0
-                        for term in range(series.shape[1] - 1, 0, -1):
-                            one, other = term % 2, (term + 1) % 2
-                            for i in range(n):
-                                work[one, i] = (
-                                    2.0 * place * work[other, i]
-                                    - work[one, i]
-                                    + series[vehicle, term, c, i]
-                                )
-                        for i in range(n):
-                            late[lane, c, i] = (
-                                place * work[1, i] - work[0, i] + series[vehicle, 0, c, i]
-                            )
+                        effect_of_rest(series, vehicle, c, place, work, lane, late)
                         late_rest[lane, c] = rest
                     change = arrival_force[lane, slot, c] - v[n + k + c]
                     for i in range(n):
@@ -281,32 +380,14 @@ def advance(
             for j in range(k):
                 v[n + j] = track[lane, substep + 1, j]
             if substep + 1 < steps:
-                for i in range(p):
+                for i in range(len(y)):
                     y[i] = 0.0
-                for group in range(record_rows.shape[1] // 4):
-                    j = 4 * group
-                    a, b, c, d = v[j], v[j + 1], v[j + 2], v[j + 3]
-                    for i in range(p):
-                        y[i] += (
-                            record_rows[vehicle, j, i] * a
-                            + record_rows[vehicle, j + 1, i] * b
-                            + record_rows[vehicle, j + 2, i] * c
-                            + record_rows[vehicle, j + 3, i] * d
-                        )
+                add_rows(record_rows, vehicle, v, 0, y)
                 for i in range(p):
                     recorded[lane, substep, i] = y[i]
-        for i in range(width):
+        for i in range(len(last)):
             last[i] = 0.0
-        for group in range(final_rows.shape[1] // 4):
-            j = 4 * group
-            a, b, c, d = v[j], v[j + 1], v[j + 2], v[j + 3]
-            for i in range(width):
-                last[i] += (
-                    final_rows[vehicle, j, i] * a
-                    + final_rows[vehicle, j + 1, i] * b
-                    + final_rows[vehicle, j + 2, i] * c
-                    + final_rows[vehicle, j + 3, i] * d
-                )
+        add_rows(final_rows, vehicle, v, 0, last)
         for i in range(p):
             recorded[lane, steps - 1, i] = last[i]
         for i in range(width - p):
