@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from baselines import Controller, make_controller
 from eval.rollout import Stepping
+from eval.simulations import Vehicle
 from railenv.actuation import ActuatorSpec
 from railenv.errors import (
     ArgumentError,
@@ -20,9 +21,17 @@ from railenv.errors import (
     check_not_negative,
     check_positive,
     check_text,
+    unknown_name,
 )
 from railenv.files import make_folder
 from railenv.vehicle import LateralVehicle, lateral17
+from railenv.vehicle.nonlinear import ContactSettings, full50
+
+MODELS = {
+    "lateral17": "linear, 17 lateral coordinates: exact stepping and the stability oracle",
+    "full50": "nonlinear, 50 coordinates: wheels on rails, dampers that blow off, bump stops",
+}
+"""Models of a vehicle and what they are."""
 
 LONGEST_CONTROL_PERIOD = 100.0
 """Longest time between commands that is taken [s]."""
@@ -34,6 +43,41 @@ def parse_loop(options: argparse.Namespace) -> tuple[Controller, LateralVehicle]
     layout = getattr(controller, "layout", options.layout)
     speed = parse_number("speed_kmh", options.speed_kmh)
     return controller, lateral17(options.vehicle, layout, speed)
+
+
+def parse_run(options: argparse.Namespace) -> tuple[Controller, Vehicle]:
+    """Return the controller and the vehicle that --model means, with its wheels and rails.
+
+    Raises:
+        ArgumentError: The model does not exist, or an option about wheel and rail stands beside the
+            linear vehicle.
+    """
+    typed = {
+        field: getattr(options, option)
+        for option, field in _CONTACT.items()
+        if getattr(options, option) is not None
+    }
+    if options.model not in MODELS:
+        raise unknown_name("model", options.model, MODELS)
+    if options.model == "lateral17":
+        if typed:
+            option = next(o for o, field in _CONTACT.items() if field in typed)
+            raise ArgumentError(
+                f"--{option.replace('_', '-')} says something of wheel and rail, which "
+                "--model lateral17 has as coefficients; give --model full50"
+            )
+        return parse_loop(options)
+    if "friction" in typed:
+        typed["friction"] = check_not_negative(
+            "friction", parse_number("friction", typed["friction"])
+        )
+    controller = make_controller(options.controller, options.layout)
+    layout = getattr(controller, "layout", options.layout)
+    speed = parse_number("speed_kmh", options.speed_kmh)
+    return controller, full50(options.vehicle, layout, speed, ContactSettings(**typed))
+
+
+_CONTACT = {"wheel": "wheel", "rail": "rail", "friction": "friction", "creep_law": "law"}
 
 
 def parse_stepping(options: argparse.Namespace) -> Stepping:

@@ -24,7 +24,7 @@ from eval.stability_answers import critical_delay_answer, delay_system, root_loc
 from railenv.config import to_dict
 from railenv.errors import RailenvError
 from railenv.files import make_folder
-from railenv.simulation import required_length, wheelset_inputs, whole_multiple
+from railenv.simulation import required_length
 from railenv.stability import sampled_growth_rate
 from railenv.track import make_track
 from railenv.units import FloatArray
@@ -130,15 +130,9 @@ def _cells(
     suite: Suite, spec: str, vehicle: LateralVehicle, speed_kmh: float
 ) -> list[dict[str, Any]]:
     stepping = suite.stepping()
-    steps = whole_multiple("duration", suite.duration, "time_step", suite.time_step)
     length = required_length(vehicle, suite.duration)
     places = [(track, seed) for track in suite.tracks for seed in suite.seeds]
-    inputs = np.stack(
-        [
-            wheelset_inputs(vehicle, make_track(track, length, seed), suite.time_step, steps)
-            for track, seed in places
-        ]
-    )
+    tracks = [make_track(track, length, seed) for track, seed in places]
     # Without actuators the delay means nothing: one run serves all delays.
     delays = suite.delays if vehicle.num_actuators else suite.delays[:1]
     lanes = [(place, delay) for place in range(len(places)) for delay in delays]
@@ -150,7 +144,7 @@ def _cells(
         vehicle,
         lane_delays,
         suite.duration,
-        track_inputs=inputs,
+        tracks=tracks,
         track_of_lane=np.array([place for place, _ in lanes]),
         stepping=stepping,
     )

@@ -15,6 +15,10 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
+from eval.conicity_arguments import add_conicity_arguments
+from eval.full50_arguments import add_model_arguments
+from eval.hunting_arguments import add_hunting_arguments
+
 # One numeric thread: the matrices are small, and a threaded library on few cores is many times
 # slower. Set before numpy is loaded; what the user sets wins.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -29,6 +33,8 @@ _COMMANDS = {
     "report": ("eval.command_benchmark", "command_report"),
     "certify": ("eval.command_certify", "command_certify"),
     "chart": ("eval.command_chart", "command_chart"),
+    "conicity": ("eval.command_conicity", "command_conicity"),
+    "hunting": ("eval.command_hunting", "command_hunting"),
     "bench-speed": ("eval.command_bench", "command_bench_speed"),
 }
 
@@ -118,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     listing.add_argument(
         "kind",
         nargs="?",
-        choices=["vehicles", "tracks", "controllers", "envs", "suites"],
+        choices=["vehicles", "models", "tracks", "controllers", "envs", "suites"],
         help="only this kind",
     )
     _json(listing)
@@ -129,7 +135,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument(
         "--track", default="tb3352", help="spectrum, flat, or a CSV file (tb3352)"
     )
-    simulate.add_argument("--model", default="lateral17", choices=["lateral17"])
+    add_model_arguments(simulate)
     simulate.add_argument("--seconds", default="20", help="length of the run [s] (20)")
     simulate.add_argument("--skip", help="time left out of the measures at the start [s] (5)")
     simulate.add_argument("--seed", default="0", help="seed of the track (0)")
@@ -141,7 +147,7 @@ def _parser() -> argparse.ArgumentParser:
     _loop(critical, own=True)
     critical.add_argument("--method", default="exact", help="exact, pade:N or simulation (exact)")
     critical.add_argument("--max-delay", default="2", help="longest delay searched [s] (2)")
-
+    add_model_arguments(critical)
     critical.add_argument(
         "--prove-sampled",
         action="store_true",
@@ -156,6 +162,13 @@ def _parser() -> argparse.ArgumentParser:
 
     _certify(commands.add_parser("certify", help="a proof of stability or instability"))
     _chart(commands.add_parser("chart", help="critical delay over any two parameters"))
+    conicity = commands.add_parser("conicity", help="equivalent conicity of a wheel on a rail")
+    add_conicity_arguments(conicity)
+    _json(conicity)
+
+    hunting = commands.add_parser("hunting", help="critical speeds of the nonlinear vehicle")
+    add_hunting_arguments(hunting)
+    _json(hunting)
 
     benchmark = commands.add_parser("benchmark", help="score controllers; table and report")
     benchmark.add_argument("--suite", default="quick", help="name of a suite (quick)")

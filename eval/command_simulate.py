@@ -1,23 +1,27 @@
 """`railenv list` and `railenv simulate`."""
 
 import argparse
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 
 from baselines import Controller, registered_controllers
 from eval.arguments import (
+    MODELS,
     parse_delay,
-    parse_loop,
     parse_number,
     parse_output,
+    parse_run,
     parse_stepping,
     parse_whole,
     print_json,
     progress_bar,
 )
+from eval.full50_safety import VERTICAL, SafetyWatch
 from eval.measures import measure
-from eval.rollout import Stepping, rollout
+from eval.rollout import ACCELERATIONS, ControlledBatch, Stepping, force_names, rollout
 from eval.scenarios import load_suite
+from eval.simulations import Vehicle
 from eval.stability_answers import delay_system
 from railenv.actuation import DelaySpec
 from railenv.config import config_names
@@ -30,11 +34,12 @@ from railenv.errors import (
     check_positive,
 )
 from railenv.metrics import grade
-from railenv.simulation import required_length, wheelset_inputs, whole_multiple
+from railenv.simulation import whole_multiple
 from railenv.stability import sampled_growth_rate
 from railenv.track import get_spectrum, make_track, spectrum_names
 from railenv.units import FloatArray
-from railenv.vehicle import LateralVehicle, get_vehicle, vehicle_names
+from railenv.vehicle import get_vehicle, vehicle_names
+from railenv.vehicle.nonlinear import FullVehicle
 
 _QUICK_PERIODS = 200
 """Delays of more control periods make the lifted map too large for an answer by the way."""
@@ -47,6 +52,7 @@ def command_list(options: argparse.Namespace) -> None:
     """Print what can be named."""
     tables: dict[str, dict[str, str]] = {
         "vehicles": {name: get_vehicle(name).description for name in vehicle_names()},
+        "models": MODELS,
         "tracks": {
             "flat": "straight and level",
             **{name: get_spectrum(name).description for name in spectrum_names()},
@@ -76,7 +82,7 @@ def command_list(options: argparse.Namespace) -> None:
 
 def command_simulate(options: argparse.Namespace) -> None:
     """Run one simulation and print its measures."""
-    controller, vehicle = parse_loop(options)
+    controller, vehicle = parse_run(options)
     seconds = check_positive("seconds", parse_number("seconds", options.seconds), "seconds")
     skip = _skip(options.skip, seconds)
     seed = check_count("seed", parse_whole("seed", options.seed), minimum=0)
@@ -87,29 +93,38 @@ def command_simulate(options: argparse.Namespace) -> None:
     out = parse_output(options.out, (".npz",))
     video = parse_output(options.video, (".mp4",))
     periods = whole_multiple("seconds", seconds, "control_period", stepping.control_period)
-    steps = whole_multiple("seconds", seconds, "time_step", stepping.time_step)
-    track = make_track(options.track, required_length(vehicle, seconds), seed)
-    inputs = wheelset_inputs(vehicle, track, stepping.time_step, steps)
+    track = make_track(options.track, vehicle.speed * seconds, seed)
+    record, safety = (*ACCELERATIONS, *force_names(vehicle)), None
+    watches: list[Callable[[ControlledBatch, FloatArray], None]] = []
+    if isinstance(vehicle, FullVehicle):
+        record, safety = (*record, *VERTICAL), SafetyWatch(vehicle)
+        watches.append(safety.watch)
+
+    def watch(batch: ControlledBatch, outputs: FloatArray) -> None:
+        for each in watches:
+            each(batch, outputs)
+
     with ExitStack() as stack:
-        watch = None
         if video is not None:
             from eval.video import Film, film_file
 
             film = Film(vehicle, track, delays, stepping, stack.enter_context(film_file(video)))
-            watch = film.watch
+            watches.append(film.watch)
         bar = stack.enter_context(progress_bar(options, periods, "period"))
         trajectory = rollout(
             controller,
             vehicle,
             delays[None, :],
             seconds,
-            track_inputs=inputs[None],
+            tracks=(track,),
+            record=record,
             stepping=stepping,
             seed=seed,
             progress=bar.update,
             watch=watch,
         )
     measures = measure(trajectory, skip, stepping.actuator.force_limit).lane(0)
+    found = None if safety is None else safety.answer(trajectory, skip)
     settings = {
         "controller": options.controller,
         "layout": vehicle.layout,
@@ -126,6 +141,13 @@ def command_simulate(options: argparse.Namespace) -> None:
         "actuator_lag_s": stepping.actuator.lag,
         "force_limit_n": stepping.actuator.force_limit,
     }
+    if isinstance(vehicle, FullVehicle):
+        settings |= {
+            "wheel": vehicle.contact.wheel,
+            "rail": vehicle.contact.rail,
+            "friction": vehicle.contact.friction,
+            "creep_law": vehicle.contact.law,
+        }
     trajectory = replace(trajectory, settings=settings)
     if out is not None:
         trajectory.save(out)
@@ -135,29 +157,34 @@ def command_simulate(options: argparse.Namespace) -> None:
         plot_run(trajectory, plot)
     growth = _growth_rate(controller, vehicle, delays, stepping)
     if options.json:
-        print_json({"settings": settings, "measures": measures, "growth_rate": growth})
+        answer = {"settings": settings, "measures": measures, "growth_rate": growth}
+        print_json(answer if found is None else {**answer, "safety": found})
         return
     worse = max(
         (w for w in (measures["ride_index_front"], measures["ride_index_rear"]) if w is not None),
         default=None,
     )
     state = "DIVERGED" if measures["diverged"] else "did not diverge"
+    if found is not None and found["derailed"]:
+        state = f"DERAILED after {found['derailed_at_s']:g} s"
     print(f"{options.controller}, layout {vehicle.layout}, {options.track}: {state}")
     if growth is not None:
         word = "UNSTABLE at this delay" if growth > 0.0 else "stable at this delay"
         print(f"  the sampled loop itself is {word}: growth rate {growth:+.4f} 1/s")
-    for name, value in measures.items():
-        if name != "diverged":
+    for name, value in (measures | (found or {})).items():
+        if name not in ("diverged", "derailed", "derailed_at_s"):
             print(f"  {name:<28} {'-' if value is None else format(value, '.4g')} {_unit(name)}")
     if worse is not None:
         print(f"  worse floor end: Wz {worse:.3f} ({grade(worse)})")
 
 
 def _growth_rate(
-    controller: Controller, vehicle: LateralVehicle, delays: FloatArray, stepping: Stepping
+    controller: Controller, vehicle: Vehicle, delays: FloatArray, stepping: Stepping
 ) -> float | None:
     """Return the sampled loop's growth rate [1/s], None where the oracle has no quick answer."""
     periods = float(delays.max(initial=0.0)) / stepping.control_period
+    if isinstance(vehicle, FullVehicle):
+        return None
     if not hasattr(controller, "to_delay_system") or periods > _QUICK_PERIODS:
         return None
     try:
@@ -182,9 +209,11 @@ def _skip(text: str | None, seconds: float) -> float:
 
 
 def _unit(measure: str) -> str:
-    """Return the unit of a measure, from `eval.measures.RunMeasures`."""
-    if measure.startswith("force"):
+    """Return the unit of a measure of `eval.measures.RunMeasures` or `eval.full50_safety`."""
+    if measure.startswith(("force", "guiding")):
         return "N"
+    if measure == "wheelset_shift":
+        return "m"
     if measure.startswith(("comfort", "floor", "bogie")):
         return "m/s^2"
     return ""

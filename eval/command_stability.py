@@ -6,15 +6,17 @@ from typing import Any
 
 from eval.arguments import (
     parse_delay,
-    parse_loop,
     parse_number,
+    parse_run,
     parse_stepping,
     parse_whole,
     print_json,
     progress_bar,
 )
 from eval.delay_sweep import simulated_critical_delay
+from eval.full50_linear import linear_loop
 from eval.loops import is_typed, parse_linear_loop, parse_sampled_loop
+from eval.simulations import Vehicle, lateral_twin
 from eval.stability_answers import (
     critical_delay_answer,
     enclosed_root_answers,
@@ -30,12 +32,13 @@ from railenv.stability import (
     rightmost_roots,
 )
 from railenv.vehicle import LateralVehicle
+from railenv.vehicle.nonlinear import FullVehicle
 
 _SHOWN = 20
 """Most lines of a list; --json gives all."""
 
 
-def _loop_name(options: argparse.Namespace, vehicle: LateralVehicle | None) -> str:
+def _loop_name(options: argparse.Namespace, vehicle: Vehicle | None) -> str:
     if vehicle is None:
         return str(options.system)
     return f"{options.controller}, layout {vehicle.layout}"
@@ -53,7 +56,7 @@ def command_critical_delay(options: argparse.Namespace) -> None:
             raise ArgumentError(
                 "--method simulation runs a vehicle; give --controller instead of --system"
             )
-        controller, vehicle = parse_loop(options)
+        controller, vehicle = parse_run(options)
         with progress_bar(options, None, "batch") as bar:
 
             def tell(word: str) -> None:
@@ -64,7 +67,7 @@ def command_critical_delay(options: argparse.Namespace) -> None:
                 controller, vehicle, stepping=stepping, max_delay=longest, progress=tell
             )
     else:
-        system, vehicle = parse_linear_loop(options)
+        system, vehicle = _small_motion(options) or parse_linear_loop(options)
         if isinstance(system, SampledLoop):
             _sampled_critical_delay(options, system, longest, method)
             return
@@ -90,10 +93,32 @@ def command_critical_delay(options: argparse.Namespace) -> None:
         print_json(answer)
         return
     train = f", {options.speed_kmh} km/h, {options.vehicle}" if vehicle is not None else ""
+    if options.model != "lateral17":
+        train += f", {options.model}" + ("" if method == "simulation" else " linearised")
     print(f"{_loop_name(options, vehicle)}{train}, method {answer['method']}")
     _print_critical(answer, method, longest)
     _print_crossings(answer)
     print(_proved_text(answer, method))
+
+
+def _small_motion(options: argparse.Namespace) -> tuple[DelaySystem, LateralVehicle] | None:
+    """Return the loop around small motion of the nonlinear vehicle, and what names its modes."""
+    if options.controller is None:
+        of_a_vehicle = [options.wheel, options.rail, options.friction, options.creep_law]
+        if options.model != "lateral17" or any(value is not None for value in of_a_vehicle):
+            raise ArgumentError(
+                "--model, --wheel, --rail, --friction and --creep-law say something of a vehicle "
+                f"and {options.system!r} is a loop of its own; drop them, or give --controller "
+                "instead of --system"
+            )
+        return None
+    controller, vehicle = parse_run(options)
+    if not isinstance(vehicle, FullVehicle):
+        return None
+    if options.prove_sampled:
+        raise ArgumentError("--prove-sampled goes with --model lateral17")
+    lag = parse_stepping(options).actuator.lag
+    return linear_loop(controller, vehicle.replace(actuator_lag=lag)), lateral_twin(vehicle)
 
 
 def _sampled_critical_delay(
@@ -230,6 +255,11 @@ def _print_critical(answer: dict[str, Any], method: str, longest: float) -> None
     if answer.get("bracket_s"):
         low, high = (1000 * b for b in answer["bracket_s"])
         print(f"  bracket {low:.1f} to {high:.1f} ms (estimate)")
+    if answer.get("hunting_hz"):
+        print(
+            f"  the vehicle hunts by itself at {answer['hunting_hz']:.1f} Hz; judged is the "
+            "carbody's slower motion"
+        )
     if answer.get("limit_cycle"):
         cycle = answer["limit_cycle"]
         word = "limit cycle" if cycle["settled"] else "still growing"

@@ -1,6 +1,6 @@
 """Runs a controller on a batch of vehicles and records what the metrics need."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,25 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.controller import Controller, users_own_code
+from eval.simulations import LinearRuns, Vehicle, simulation_of
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import (
     DEFAULT_ACTION_SCALE,
     DEFAULT_MAX_DELAY,
     Observer,
-    measured_names,
     pipe_length,
-    recorded_columns,
+    sensor_names,
 )
-from railenv.errors import ControllerError, check_positive
+from railenv.errors import ArgumentError, ControllerError, check_positive
 from railenv.simulation import (
     DEFAULT_CONTROL_PERIOD,
     DEFAULT_TIME_STEP,
-    LateralSimulation,
     Trajectory,
     whole_multiple,
 )
+from railenv.track import Track
 from railenv.units import FloatArray
-from railenv.vehicle import LateralVehicle
 from railenv.vehicle.coordinates import actuator_positions
 
 ACCELERATIONS = (
@@ -36,9 +35,6 @@ ACCELERATIONS = (
     "bogie2_lateral_acceleration",
 )
 
-BLOW_UP = 1e4
-"""A mode beyond this amplitude is stopped: the linear vehicle is unstable."""
-
 
 @dataclass(frozen=True)
 class Stepping:
@@ -46,7 +42,8 @@ class Stepping:
 
     Attributes:
         control_period: Time between commands [s].
-        time_step: Physics step [s].
+        time_step: Time between records [s]; the linear vehicle's physics step, while the nonlinear
+            one divides it.
         actuator: Limits and lag.
         max_delay: Longest delay whose past actions are observed [s].
     """
@@ -63,17 +60,19 @@ class ControlledBatch:
     Args:
         controller: The controller.
         vehicle: The vehicle.
-        record: Outputs or states to record at every physics step.
+        record: Outputs or states to record at every time step.
         stepping: Steps, limits and lag.
 
     Attributes:
-        blown_up: Lanes whose state left every bound; they stand still and record NaN from there.
+        blown_up: Lanes whose state left every bound or whose vehicle derailed; they stand still and
+            record NaN from there.
+        silent: Lanes whose controller is not listened to, shape (lanes,); None for none.
     """
 
     def __init__(
         self,
         controller: Controller,
-        vehicle: LateralVehicle,
+        vehicle: Vehicle,
         record: tuple[str, ...],
         stepping: Stepping,
     ) -> None:
@@ -81,9 +80,9 @@ class ControlledBatch:
         self.vehicle = vehicle
         self.record = record
         self.stepping = stepping
-        measured = measured_names(vehicle, "sensors")
+        measured = sensor_names(vehicle.layout)
         outputs = tuple(dict.fromkeys((*measured, *record)))
-        self.simulation = LateralSimulation(
+        self.simulation = simulation_of(
             vehicle,
             outputs,
             actuator=stepping.actuator,
@@ -92,8 +91,8 @@ class ControlledBatch:
         )
         length = pipe_length(stepping.max_delay, stepping.control_period)
         self._observer = Observer(measured, vehicle.num_actuators, length)
-        self._measured = recorded_columns(self.simulation, measured)
-        self._recorded = recorded_columns(self.simulation, record)
+        self._measured = [outputs.index(name) for name in measured]
+        self._recorded = [outputs.index(name) for name in record]
         self._scale: float = self._call(
             "action_scale",
             lambda: check_positive(
@@ -101,19 +100,38 @@ class ControlledBatch:
             ),
         )
         self.blown_up: NDArray[np.bool_] = np.zeros(1, dtype=bool)
+        self.silent: NDArray[np.bool_] | None = None
         self.commands: FloatArray = np.zeros((1, vehicle.num_actuators))
 
     def reset(
         self,
         delays: FloatArray,
-        track_inputs: FloatArray | None = None,
+        tracks: Sequence[Track] = (),
         track_of_lane: NDArray[np.int64] | None = None,
         seed: int = 0,
         initial_state: FloatArray | None = None,
+        level: FloatArray | None = None,
+        track_inputs: FloatArray | None = None,
     ) -> None:
-        """Start every lane, at rest if nothing else is said; see `LateralSimulation.reset`."""
+        """Start every lane, at rest if nothing else is said.
+
+        Args:
+            delays: See `eval.simulations.Simulation.begin`, as for the others.
+            tracks: Irregularity.
+            track_of_lane: Track of each lane.
+            seed: Given to the controller.
+            initial_state: States at the start.
+            level: Factor on the irregularity of each lane.
+            track_inputs: Tracks that have been sampled for the linear vehicle, instead of `tracks`;
+                see `railenv.simulation.wheelset_inputs`.
+        """
         lanes = delays.shape[0]
-        self.simulation.reset(delays, track_inputs, track_of_lane, initial_state)
+        if track_inputs is None:
+            self.simulation.begin(delays, tracks, track_of_lane, level, initial_state)
+        elif isinstance(self.simulation, LinearRuns):
+            self.simulation.reset(delays, track_inputs, track_of_lane, initial_state)
+        else:
+            raise ArgumentError("track_inputs is for the linear vehicle; give tracks")
         self._observer.reset(lanes)
         self.blown_up = np.zeros(lanes, dtype=bool)
         self._call("reset", lambda: self.controller.reset(lanes, seed))
@@ -137,10 +155,12 @@ class ControlledBatch:
             )
         if not np.all(np.isfinite(actions)):
             raise ControllerError("act returned a value that is not finite")
+        if self.silent is not None:
+            actions[self.silent] = 0.0
         self._observer.push(actions)
         self.commands = self._scale * actions
         outputs = self.simulation.advance(self.commands)
-        new = ~(self.simulation.amplitude <= BLOW_UP)
+        new = self.simulation.lost
         if np.any(new):
             self.blown_up |= new
             self.simulation.stop(self.blown_up)
@@ -162,17 +182,18 @@ def _real(actions: Any) -> FloatArray:
     return array.astype(float)
 
 
-def force_names(vehicle: LateralVehicle) -> tuple[str, ...]:
+def force_names(vehicle: Vehicle) -> tuple[str, ...]:
     """Return the names of the actuator forces."""
     return tuple(f"actuator_force_{k}" for k in actuator_positions(vehicle.layout))
 
 
 def rollout(
     controller: Controller,
-    vehicle: LateralVehicle,
+    vehicle: Vehicle,
     delays: FloatArray,
     duration: float,
     *,
+    tracks: Sequence[Track] = (),
     track_inputs: FloatArray | None = None,
     track_of_lane: NDArray[np.int64] | None = None,
     record: tuple[str, ...] | None = None,
@@ -188,7 +209,9 @@ def rollout(
         vehicle: The vehicle.
         delays: Delay of every lane and channel, shape (lanes, channels) [s].
         duration: Length of the run [s], a whole number of control periods.
-        track_inputs: Tracks, see `railenv.simulation.wheelset_inputs`.
+        tracks: Irregularity; none for straight, level track.
+        track_inputs: The same as sampled for the linear vehicle, instead of `tracks`; see
+            `railenv.simulation.wheelset_inputs`.
         track_of_lane: Track of each lane.
         record: Outputs or states to record; accelerations and forces by default.
         stepping: Steps, limits and lag.
@@ -207,7 +230,7 @@ def rollout(
     steps = Stepping() if stepping is None else stepping
     names = (*ACCELERATIONS, *force_names(vehicle)) if record is None else record
     batch = ControlledBatch(controller, vehicle, names, steps)
-    batch.reset(delays, track_inputs, track_of_lane, seed)
+    batch.reset(delays, tracks, track_of_lane, seed, track_inputs=track_inputs)
     periods = whole_multiple("duration", duration, "control_period", steps.control_period)
     per_period = batch.simulation.steps_per_command
     values = np.empty((delays.shape[0], periods * per_period, len(names)))

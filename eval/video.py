@@ -17,14 +17,13 @@ import numpy as np
 from scipy.signal import sosfilt
 
 from eval.rollout import ControlledBatch, Stepping
+from eval.simulations import Vehicle, lateral_twin
 from railenv.errors import ArgumentError, OutputError
 from railenv.files import replacing
 from railenv.metrics.ride_filter import ride_filter, ride_index_from_mean_square
 from railenv.rendering import View, draw_frame
 from railenv.track import Track
 from railenv.units import FloatArray
-from railenv.vehicle import LateralVehicle
-from railenv.vehicle.coordinates import NUM_COORDINATES
 
 FRAMES_PER_SECOND = 25
 SIZE = (640, 480)
@@ -49,7 +48,7 @@ class Film:
 
     def __init__(
         self,
-        vehicle: LateralVehicle,
+        vehicle: Vehicle,
         track: Track,
         delays: FloatArray,
         stepping: Stepping,
@@ -92,7 +91,7 @@ class Film:
         self._write(draw_frame(self._view(batch, time), SIZE))
 
     def _view(self, batch: ControlledBatch, time: float) -> View:
-        vehicle, state = self._vehicle, batch.simulation.state[0]
+        vehicle = self._vehicle
         centre = vehicle.speed * time - 0.5 * float(vehicle.wheelset_setback[-1])
         places = np.clip(centre + _AROUND, None, self._track.length)
         names = list(batch.record)
@@ -102,7 +101,7 @@ class Film:
             time=time,
             speed=vehicle.speed,
             layout=vehicle.layout,
-            coordinates=np.nan_to_num(state[:NUM_COORDINATES]),
+            coordinates=np.nan_to_num(batch.simulation.lateral[0]),
             force=self._newest[forces],
             command=batch.commands[0].copy(),
             force_limit=self._force_limit,
@@ -120,7 +119,7 @@ class Film:
             ),
             reward=None,
             ended_by="",
-            parameters=vehicle.parameters,
+            parameters=lateral_twin(vehicle).parameters,
         )
 
 

@@ -5,9 +5,12 @@ import pytest
 
 from baselines import Passive, SkyHook
 from eval import delay_sweep
-from eval.delay_sweep import _Probe, _tends_to_zero, simulated_critical_delay
+from eval.delay_probe import Probe as _Probe
+from eval.delay_probe import tends_to_zero as _tends_to_zero
+from eval.delay_sweep import simulated_critical_delay
 from eval.rollout import ACCELERATIONS, Stepping
 from railenv.actuation import ActuatorSpec
+from railenv.simulation import wheelset_inputs
 from railenv.stability import sampled_growth_rate
 from railenv.vehicle import LateralVehicle, lateral17
 
@@ -103,17 +106,23 @@ def test_without_a_limit_the_track_is_never_scaled(vehicle: LateralVehicle) -> N
     assert len(controller.runs) == 1
 
 
+def seen(vehicle: LateralVehicle) -> np.ndarray:
+    """What the wheelsets see in the excitation, at steps of 5 ms."""
+    made = probe(Passive(), vehicle)
+    return wheelset_inputs(vehicle, made._track, 0.005, 2 * made._excited)
+
+
 @pytest.mark.parametrize("speed", [100.0, 300.0])
 def test_the_irregularity_has_faded_out_under_every_wheelset_when_the_track_ends(
     speed: float,
 ) -> None:
-    inputs = probe(Passive(), lateral17(layout="passive", speed_kmh=speed))._inputs
+    inputs = seen(lateral17(layout="passive", speed_kmh=speed))
     # a hundred grid points behind the end, and the spline's ripple falls fourfold at each: 4^-100
     assert np.abs(inputs[-1]).max() < 1e-15 * np.abs(inputs).max()
 
 
 def test_the_irregularity_is_whole_until_it_fades() -> None:
-    inputs = probe(Passive(), lateral17(layout="passive"))._inputs
+    inputs = seen(lateral17(layout="passive"))
     # The taper of 50 m ends at 10 s; at 300 km/h it begins 0.6 s before.
     late, early = inputs[1400:1800, :4], inputs[1000:1400, :4]
     # two seconds of one stationary track: 1.2 measured, and a track that is gone gives zero
@@ -218,7 +227,7 @@ class Island:
 
 def searched(monkeypatch: pytest.MonkeyPatch, low: float, **settings: float) -> dict:
     monkeypatch.setattr(Island, "low", low)
-    monkeypatch.setattr(delay_sweep, "_Probe", Island)
+    monkeypatch.setattr(delay_sweep, "Probe", Island)
     return simulated_critical_delay(
         SkyHook(), lateral17(layout=4), **{"max_delay": 0.19, **settings}
     )
@@ -274,6 +283,7 @@ def test_a_loop_that_is_unstable_at_once_has_no_first_change(monkeypatch) -> Non
     assert answer["bracket_s"] is None
 
 
+@pytest.mark.slow
 def test_a_real_loop_that_becomes_stable_again_is_bracketed_twice(monkeypatch) -> None:
     vehicle, controller, period = lateral17(layout=2), SkyHook(25e3, 2), 0.02
     # a scan of four delays, and no limit cycle: what is asked here is the two changes
