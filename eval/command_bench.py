@@ -24,7 +24,13 @@ def _env() -> Section:
     return env_section(Sizes())
 
 
-SECTIONS: dict[str, Callable[[], Section]] = {"oracle": _oracle, "env": _env}
+def _models() -> Section:
+    from eval.bench_models import ModelSizes, models_section
+
+    return models_section(ModelSizes())
+
+
+SECTIONS: dict[str, Callable[[], Section]] = {"oracle": _oracle, "env": _env, "models": _models}
 """Sections by name; each imports what it needs when it is asked for."""
 
 

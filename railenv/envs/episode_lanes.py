@@ -27,6 +27,7 @@ BLOCK = 64
 """Periods for which jitter and dropouts are drawn at a time."""
 
 ENDINGS = np.array(["", "gauge", "divergence", "derailment"])
+_TEXT = ENDINGS.dtype
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -210,7 +211,9 @@ class EpisodeLanes(ABC):
         if here.given_seeds:
             track = info["track"]
             track[track >= len(here.tracks)] = -1
-        info["ended_by"] = ENDINGS.take(info["ended_by"])
+        ended = info["ended_by"]
+        # Texts are slow to pick, and hardly ever does a lane end but by the length of its episode.
+        info["ended_by"] = ENDINGS.take(ended) if ended.any() else np.zeros_like(ended, _TEXT)
         return info
 
     def _shown_arrays(self) -> dict[str, NDArray[Any]]:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from railenv.errors import check_not_negative, unknown_name
-from railenv.simulation import LateralSimulation
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, state_space
 from railenv.vehicle.coordinates import (
@@ -165,8 +164,3 @@ class Observer:
         """
         lanes = measured.shape[0]
         return np.concatenate([measured, self._pipe.reshape(lanes, -1)], axis=1)
-
-
-def recorded_columns(simulation: LateralSimulation, names: tuple[str, ...]) -> list[int]:
-    """Return where the named outputs lie among what a simulation records."""
-    return [simulation.outputs.index(name) for name in names]

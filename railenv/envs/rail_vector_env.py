@@ -205,7 +205,7 @@ class Lateral17VectorEnv(VectorEnv[Observations, Observations, NDArray[Any]]):
     def _final(self) -> Info:
         """What the lanes that have just ended end with; the others are told apart by the mask."""
         done, observation = self._done, self._lanes.here.observation
-        last = np.full(self.num_envs, None, dtype=object)
+        last = np.empty(self.num_envs, dtype=object)  # of None
         lanes: IntArray = done.nonzero()[0]
         for lane in lanes:
             last[lane] = observation[lane].copy()
@@ -324,8 +324,10 @@ def _masked(info: dict[str, NDArray[Any]], num_lanes: int, lanes: IntArray | Non
     if lanes is None:
         masks = np.ones((len(info), num_lanes), dtype=bool)
     else:
-        masks = np.zeros((len(info), num_lanes), dtype=bool)
-        masks[:, lanes] = True
+        masks = np.empty((len(info), num_lanes), dtype=bool)
+        mask = np.zeros(num_lanes, dtype=bool)
+        mask[lanes] = True
+        masks[:] = mask
     paired: Info = {}
     for (name, values), mask in zip(info.items(), masks, strict=True):
         paired[name] = values
