@@ -139,6 +139,7 @@ def steady(pair: WheelRail, zone: int, u, phi, psi) -> np.ndarray:
     return (high - low < 4e-3) & (exact.weight > 0.999)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wheel", "rail"),
     [
@@ -320,6 +321,7 @@ def test_patches_that_share_10_kn_roll_as_in_the_benchmark(pair):
     np.testing.assert_allclose(found, expected, atol=0.05)
 
 
+@pytest.mark.slow
 def test_at_a_jump_the_load_sets_the_width_and_not_the_steps(pair):
     # 0.5 mm is beside the jump at 0.2 mm, over which the difference rises by 0.43 mm.
     found = [

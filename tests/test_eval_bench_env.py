@@ -102,6 +102,7 @@ def test_the_threads_of_the_bare_update_share_its_rows(monkeypatch: pytest.Monke
     assert sorted(seen) == [(0, 2), (2, 4), (4, 7)]
 
 
+@pytest.mark.slow
 def test_every_part_of_the_section_is_measured(measured: list[Row]) -> None:
     shown = {
         task: [(row.get("lanes"), row.get("threads")) for row in of(measured, task)]
@@ -145,6 +146,7 @@ def test_missing_peers_are_said_with_the_way_to_get_them(measured: list[Row]) ->
     assert "EnvPool CartPole-v1, at its best        not installed: pip install envpool" in lines
 
 
+@pytest.mark.slow
 def test_memory_is_linear_in_lanes() -> None:
     rows: list[Row] = []
     for lanes in (64, 256, 1024):
@@ -205,6 +207,7 @@ def test_a_row_without_a_rate_is_shown_as_text() -> None:
     assert lines[5].split() == ["ours", "4", "2", "2", "1", "2", "1"]
 
 
+@pytest.mark.slow
 def test_json_holds_rows_threads_and_cores(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -216,6 +219,7 @@ def test_json_holds_rows_threads_and_cores(
     assert {row["task"] for row in rows} == set(bench_env._ORDER)
 
 
+@pytest.mark.slow
 def test_no_thread_is_left_behind() -> None:
     before = set(threading.enumerate())
     env_section(Sizes((), (4,), 2, 4, (), (), ())).measure(1, lambda _: None)
@@ -223,6 +227,7 @@ def test_no_thread_is_left_behind() -> None:
     assert not [thread for thread in left if thread.name.startswith("railenv-lanes")]
 
 
+@pytest.mark.slow
 def test_progress_is_told_as_often_as_announced() -> None:
     section = env_section(Sizes((), (4,), 1, 4, (), (), ()))
     told: list[str] = []

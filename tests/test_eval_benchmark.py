@@ -69,6 +69,7 @@ def test_the_passive_vehicle_is_the_same_at_every_delay(records: dict) -> None:
     assert len({row["ride_index_front"] for row in rows}) == 1
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_rows(records: dict, tmp_path: Path) -> None:
     run_benchmark(SMOKE, tmp_path, "test", jobs=2)
     assert read_records(tmp_path)["cells"] == records["cells"]

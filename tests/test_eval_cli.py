@@ -120,6 +120,7 @@ def test_everything_that_can_be_named_is_listed(capsys, kind: str) -> None:
     assert found[kind]
 
 
+@pytest.mark.slow
 def test_benchmark_writes_table_records_and_page(capsys, tmp_path: Path) -> None:
     status, out, _ = run(capsys, "benchmark", "--suite", "smoke", "--out", str(tmp_path))
     assert status == 0

@@ -8,6 +8,7 @@ from railenv.stability import critical_delays, sampled_critical_delay
 from railenv.vehicle import LateralVehicle, lateral17
 
 
+@pytest.mark.slow
 def test_the_bracket_holds_the_sampled_critical_delay(vehicle: LateralVehicle, loop) -> None:
     exact = sampled_critical_delay(loop, critical_delays(loop, 0.3), 0.01)
     answer = simulated_critical_delay(SkyHook(35e3, 4), vehicle, max_delay=0.24)

@@ -9,6 +9,7 @@ from railenv.stability import Mode, critical_delays, follow
 from railenv.vehicle import lateral17
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gain", "layout"),
     [(60e3, 4), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((35e3, 4), (60e3, 2)))],

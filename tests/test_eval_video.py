@@ -47,6 +47,7 @@ def test_a_film_is_640_by_480_and_moves(film: Path) -> None:
     assert np.abs(frames[0] - frames[-1]).max() > 100
 
 
+@pytest.mark.slow
 def test_the_film_changes_nothing_of_what_is_measured(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -130,6 +130,7 @@ def test_a_narrow_unstable_window_inside_an_interval_is_found() -> None:
     assert answer.evidence["delays"][0] == pytest.approx(pi / 2, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_gain_just_below_tangency_is_proved_stable_over_an_interval() -> None:
     assert certify(oscillator(4.0, 0.5, 0.5 * (1 - 1e-9)), (0.0, 3.0)).verdict == STABLE
 
@@ -356,6 +357,7 @@ def test_an_interval_with_a_touch_is_undecided_with_a_reason() -> None:
     assert answer.evidence == {}
 
 
+@pytest.mark.slow
 def test_intervals_on_either_side_of_a_touch_are_stable() -> None:
     loop = oscillator(4.0, 0.5, 0.5)
     assert certify(loop, (0.0, pi / 2 - 1e-6)).verdict == STABLE
@@ -448,6 +450,7 @@ def test_units_of_the_states_and_of_time_do_not_matter() -> None:
     assert certify(other, edge / unit * (1 + 1e-9)).verdict == UNSTABLE
 
 
+@pytest.mark.slow
 def test_sixty_states_are_certified_over_an_interval() -> None:
     # one oscillator that is lost at a known delay drives 58 stable states
     one = oscillator(56.8, 0.6, 4.0)

@@ -118,6 +118,7 @@ def test_a_fault_of_the_function_itself_stops_the_chart() -> None:
         stability_chart(broken, "damping", [0.1], "gain", [1.0])
 
 
+@pytest.mark.slow
 def test_the_chart_does_not_depend_on_the_number_of_workers() -> None:
     one, two = oscillator_chart(), oscillator_chart(jobs=2)
     for name in ("critical_delay", "frequency_hz", "stable_windows", "proved", "status"):

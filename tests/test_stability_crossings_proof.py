@@ -414,6 +414,7 @@ def random_loop(seed: int, n: int, m: int, shift: float) -> DelaySystem:
     return DelaySystem(A, rng.normal(size=(n, m)), rng.normal(size=(m, n)))
 
 
+@pytest.mark.slow
 def test_sixty_states_are_proved() -> None:
     system = random_loop(1, 60, 2, 1.2)
     answer = critical_delays(system, 1.0)

@@ -253,6 +253,7 @@ def test_plants_with_poles_on_the_axis_are_no_special_case() -> None:
     accepted(system, [0.1], proved, False)
 
 
+@pytest.mark.slow
 def test_proofs_on_random_loops_are_never_contradicted() -> None:
     rng = np.random.default_rng(3)
     proofs = 0

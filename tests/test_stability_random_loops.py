@@ -294,6 +294,7 @@ def test_nothing_contradicts_a_proof_on_two_hundred_random_loops(
     assert tally.seen["simulated"] > 0
 
 
+@pytest.mark.slow
 def test_nothing_contradicts_a_proof_on_sixty_random_loops() -> None:
     tally = examine_all(range(10_000, 10_060))
     assert tally.share("undecided", "questions") < 0.02, str(tally)

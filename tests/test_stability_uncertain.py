@@ -338,6 +338,7 @@ def check_random(first: int, number: int) -> list[str]:
     return verdicts
 
 
+@pytest.mark.slow
 def test_no_sampled_member_contradicts_a_proof() -> None:
     verdicts = check_random(0, 15)
     assert {"STABLE", "UNSTABLE"} <= set(verdicts)
@@ -511,6 +512,7 @@ def test_the_vehicle_of_the_question_is_proved_at_100_ms() -> None:
     assert proved(asked(), [0.1], [0.1], COMMON)[0] == "STABLE"
 
 
+@pytest.mark.slow
 def test_the_vehicle_of_the_question_is_proved_for_all_delays_to_150_ms() -> None:
     assert proved(asked(), [0.0], [0.15], COMMON)[0] == "STABLE"
 

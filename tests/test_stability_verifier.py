@@ -965,6 +965,7 @@ def test_a_system_too_large_to_be_checked_is_rejected_at_once(made: Made, check:
     assert check(content).reasons == ("the certificate is too large to be checked",)
 
 
+@pytest.mark.slow
 def test_many_channels_are_no_hindrance(check: Check) -> None:
     m = 150
     system = DelaySystem(-np.eye(3), np.ones((3, m)), np.full((m, 3), 1e-3))
