@@ -449,6 +449,7 @@ def test_normaliser_and_nan_checker_wrap_and_learn() -> None:
     assert model.num_timesteps == 100
 
 
+@pytest.mark.slow
 def test_the_rate_of_ppo_is_measured_and_the_thread_count_left_alone() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(1 + (os.cpu_count() or 1))

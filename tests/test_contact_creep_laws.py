@@ -113,6 +113,7 @@ def test_force_is_never_beyond_friction(
     assert math.isfinite(mz)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [LINEAR, *BOUNDED])
 @given(st.tuples(curvature, curvature), creepage, creepage, spin_creepage)
 def test_creep_never_feeds_energy_in(

@@ -53,6 +53,7 @@ def test_what_is_undecided_has_status_four_and_a_reason(capsys, tmp_path: Path) 
     assert "s = 0" in plain["reason"]
 
 
+@pytest.mark.slow
 def test_the_vehicle_is_certified_up_to_its_critical_delay(capsys) -> None:
     assert answer(capsys, *SKYHOOK, "--delay", "0:0.2019")[0] == 0
     found, plain = answer(capsys, *SKYHOOK, "--delay", "0.203")

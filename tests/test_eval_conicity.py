@@ -74,6 +74,7 @@ def test_one_cant_may_be_written_in_two_ways(capsys) -> None:
     assert long["conicity"] == answer(capsys, "lma", "cn60", "--amplitudes", "3")["conicity"]
 
 
+@pytest.mark.slow
 def test_files_of_points_give_the_catalogues_conicity(capsys, tmp_path: Path) -> None:
     wheel, rail = write(tmp_path / "w.txt", "lma"), write(tmp_path / "r.txt", "cn60")
     found = answer(capsys, wheel, rail)
@@ -86,6 +87,7 @@ def test_files_of_points_give_the_catalogues_conicity(capsys, tmp_path: Path) ->
     assert same["conicity"] == pytest.approx(found["conicity"], abs=0.001)
 
 
+@pytest.mark.slow
 def test_the_smoothing_of_a_file_is_told_and_can_be_set(capsys, tmp_path: Path) -> None:
     wheel = write(tmp_path / "w.txt", "lma")
     _, out, _ = run(capsys, wheel, "cn60", "--amplitudes", "3")

@@ -157,6 +157,7 @@ def found(alike: FullVehicle) -> CriticalDelays:
     return critical_delays(linear_loop(SkyHook(35e3, 4), alike), 0.21)
 
 
+@pytest.mark.slow
 def test_without_its_nonlinearities_the_vehicle_has_the_linear_models_critical_delay(
     found: CriticalDelays, loop: DelaySystem
 ) -> None:

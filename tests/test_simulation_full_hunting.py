@@ -65,6 +65,7 @@ def test_the_roots_have_no_zero_left_by_the_wheels_angles(system: FullHunting) -
     assert abs(roots).min() > 0.1  # slowest: the coupler's 0.12 Hz
 
 
+@pytest.mark.slow
 def test_a_disturbance_dies_out_below_and_grows_above_the_linear_critical_speed(
     system: FullHunting,
 ) -> None:

@@ -203,6 +203,7 @@ def test_fast_switching_within_the_proved_jitter_never_makes_the_oscillator_grow
     assert growth(OSCILLATOR, [0.05], 0.15, np.ones((10_000, 1)), step) == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delays", [[0.05, 0.05], [0.02, 0.08]])
 def test_two_channels_are_proved_with_one_jitter_and_with_their_own(delays: list[float]) -> None:
     proved = {common: largest_jitter(PAIR, delays, common) for common in (False, True)}

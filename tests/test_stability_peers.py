@@ -252,6 +252,7 @@ def test_yaltapy_agrees_on_many_more_random_loops(seed: int) -> None:
     assert_same_staircase(random_system(seed)[0], 4.0, 1e-9)
 
 
+@pytest.mark.slow
 def test_yaltapy_has_the_same_crossings_and_windows_of_the_vehicle(loop: DelaySystem) -> None:
     # 1e-10 was asked for; 5e-13 is reached from coefficients of degree 38
     assert_same_staircase(slower(loop, 0.1), 20.0, 1e-10)

@@ -209,6 +209,7 @@ def check_all(vehicles: list[LateralVehicle]) -> tuple[float, float]:
     return float(roots.real.max()), least_damping(roots)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", BASES)
 def test_two_hundred_wide_draws_are_sound(base):
     rightmost, least = check_all(draw(get_ranges("wide"), 200, seed=11, base=base))
