@@ -314,6 +314,12 @@ def test_settings_that_do_not_fit_the_profiles_are_refused():
         WheelRail(wheel, rail, back_to_back=-1.0)
 
 
+@pytest.mark.parametrize("change", [{"gauge": 1.6}, {"gauge": 1e6}, {"back_to_back": 1.5}])
+def test_wheels_that_cannot_stand_between_the_rails_are_refused(change):
+    with pytest.raises(ArgumentError, match="for two flanges and their play"):
+        WheelRail(get_profile("s1002"), get_profile("60e1"), **change)
+
+
 def test_a_rail_whose_side_is_upright_keeps_its_gauge():
     wheel, rail = get_profile("s1002"), get_profile("60e1")
     steep = WheelRail(wheel, rail, back_to_back=1.36, gauge_depth=0.014, cant=1 / 20)

@@ -14,6 +14,7 @@ from railenv.vehicle.coordinates import (
 from railenv.vehicle.coordinates import (
     COORDINATES as LATERAL_COORDINATES,
 )
+from railenv.vehicle.nonlinear import full50
 from railenv.vehicle.nonlinear.coordinates import AXLE_BOXES, BODIES, coordinate_index
 from railenv.vehicle.nonlinear.elements import (
     actuator_rows,
@@ -193,3 +194,14 @@ def test_geometric_stiffness_is_the_second_derivative_of_the_preloads_work(
     wanted = geometric_stiffness(parameters)[np.ix_(moved, moved)]
     # The differences leave step^2 and rounding, 1e-16 of 1e5 J over 1e-6.
     np.testing.assert_allclose(found, wanted, rtol=0, atol=3e-6 * np.abs(wanted).max())
+
+
+def test_an_actuators_residue_damps_as_a_dashpot_in_its_place() -> None:
+    bare = full50("paper_fit", "4", 300.0)
+    left = bare.replace(parameters=bare.parameters.replace(actuator_residue=2e3))
+    rows = actuator_rows(bare.parameters, "4")
+    np.testing.assert_allclose(
+        left.damping - bare.damping, 2e3 * rows.T @ rows, rtol=1e-12, atol=1e-9
+    )
+    passive = left.replace(layout="passive")
+    np.testing.assert_array_equal(passive.damping, bare.replace(layout="passive").damping)

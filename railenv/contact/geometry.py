@@ -42,6 +42,8 @@ TREAD, FLANGE = 0, 1
 _SWEEP = np.arange(-10e-3, 20e-3, 5e-5)  # [m] shifts at which the split is looked for
 _SMALLEST_JUMP = np.radians(10.0)
 _DEFAULT_SPLIT = np.radians(45.0)
+_ROOM = (0.03, 0.15)  # [m] between gauge and backs: 75 in Europe, 82 in China
+
 _LARGEST_ANGLE = 0.2  # [rad] of roll and yaw; the search's bracket, far beyond derailment
 
 
@@ -90,6 +92,13 @@ class WheelRail:
                 )
         for name in ("wheel_radius", "back_to_back", "gauge", "gauge_depth"):
             check_positive(name, getattr(self, name), "m")
+        room = self.gauge - self.back_to_back
+        if self.rail_lateral is None and not _ROOM[0] <= room <= _ROOM[1]:
+            raise ArgumentError(
+                f"gauge = {self.gauge:g} m and back_to_back = {self.back_to_back:g} m leave "
+                f"{1e3 * room:.4g} mm for two flanges and their play; give a pair that leaves "
+                f"{1e3 * _ROOM[0]:g} to {1e3 * _ROOM[1]:g} mm"
+            )
         for name in ("zone_overlap", "curvature_width"):
             check_positive(name, getattr(self, name), "m")
         check_not_negative("tape_offset", self.tape_offset, "m")

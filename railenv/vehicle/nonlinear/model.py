@@ -182,6 +182,8 @@ class FullVehicle:
         for element in linear_elements(self.parameters):
             row = self._felt(element.row)
             total += element.damping * np.outer(row, row)
+        for row in actuator_rows(self.parameters, self.layout):
+            total += self.parameters.actuator_residue * np.outer(row, row)
         return _without_rounding(total)
 
     @property

@@ -64,6 +64,8 @@ class FullParameters:
         yaw_damper_beyond: Damping beyond it.
         lateral_damper_break: Blow-off force.
         lateral_damper_beyond: Damping beyond it.
+        actuator_residue: Damping that an actuator has beside its force, as of a failed one that is
+            switched to passive; every actuator of the layout has it.
         bump_stop: Displacement [m] and force [N] of the lateral bump stop of one bogie, rising from
             the free gap with force zero; linear in between and beyond.
         traction_rod_stiffness: One rod per bogie, in the middle.
@@ -90,6 +92,7 @@ class FullParameters:
     yaw_damper_beyond: NewtonSecondPerMetre = 49.95e3  # [crh380a]
     lateral_damper_break: Newton = 1.5e3  # [ratio], 0.1 m/s
     lateral_damper_beyond: NewtonSecondPerMetre = 6.28e3  # [ratio], 24.6 / 58.8
+    actuator_residue: NewtonSecondPerMetre = 0.0  # as the 17-coordinate model has it
     bump_stop: Table = (  # [crh380a]
         (0.020, 0.0),
         (0.026, 2000.0),
