@@ -11,6 +11,7 @@ from eval.chart_plot import check_drawing
 from railenv.errors import ArgumentError, check_not_negative, check_positive
 from railenv.simulation.bifurcation import BifurcationDiagram, SpeedRamp, bifurcation_diagram
 from railenv.simulation.full_hunting import FullHunting
+from railenv.simulation.full_stepping import DERAILMENT_SHIFT
 from railenv.simulation.linear_speed import LinearCriticalSpeed, linear_critical_speed
 from railenv.simulation.settling import Settling
 from railenv.units import FloatArray, from_kmh
@@ -34,6 +35,10 @@ def command_hunting(options: argparse.Namespace) -> None:
         check_drawing()
     rest = 1e-3 * _positive("rest_mm", options.rest_mm)
     start = 1e-3 * _positive("start_mm", options.start_mm)
+    if start > DERAILMENT_SHIFT:
+        raise ArgumentError(
+            f"start_mm = {1e3 * start:g} is off the rails; give {1e3 * DERAILMENT_SHIFT:g} or less"
+        )
     threads = parse_whole("threads", options.threads)
     vehicle = _vehicle(options)
     system = FullHunting(vehicle, threads=threads)

@@ -21,7 +21,7 @@ from eval.full50_safety import VERTICAL, SafetyWatch
 from eval.measures import measure
 from eval.rollout import ACCELERATIONS, ControlledBatch, Stepping, force_names, rollout
 from eval.scenarios import load_suite
-from eval.simulations import Vehicle
+from eval.simulations import Vehicle, physics_step
 from eval.stability_answers import delay_system
 from railenv.actuation import DelaySpec
 from railenv.config import config_names
@@ -138,6 +138,7 @@ def command_simulate(options: argparse.Namespace) -> None:
         "skip_s": skip,
         "control_period_s": stepping.control_period,
         "time_step_s": stepping.time_step,
+        "physics_step_s": physics_step(vehicle, stepping.time_step),
         "actuator_lag_s": stepping.actuator.lag,
         "force_limit_n": stepping.actuator.force_limit,
     }

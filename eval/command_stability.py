@@ -267,9 +267,11 @@ def _print_critical(answer: dict[str, Any], method: str, longest: float) -> None
             _size(cycle[f"floor_{end}_amplitude"], 1.0, 2) for end in ("front", "rear")
         )
         force = _size(cycle["force_amplitude"], 1e-3, 1)
-        print(
-            f"  {word} at {1000 * cycle['delay_s']:.0f} ms: floor {floor} m/s^2, force {force} kN"
-        )
+        at = f"at {1000 * cycle['delay_s']:.0f} ms"
+        if cycle["floor_front_amplitude"] is None:
+            print(f"  the motion leaves all bounds {at}")
+        else:
+            print(f"  {word} {at}: floor {floor} m/s^2, force {force} kN")
 
 
 def _size(value: float | None, factor: float, digits: int) -> str:

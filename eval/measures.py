@@ -13,6 +13,9 @@ GROWTH_LIMIT = 2.0
 """A floor acceleration whose RMS over the last third is this many times that over the first third
 has diverged; on stationary track the two differ by some tens of percent at most."""
 
+STARTED = 5.0
+"""Time [s] that must be left out for growth to be judged: a run begins at rest, its track rises."""
+
 SATURATION_LIMIT = 0.01
 """A run that holds its commands at the force limit for more than this share has diverged."""
 
@@ -36,7 +39,8 @@ class RunMeasures:
         force_rms: RMS force over all actuators [N]; zero without actuators.
         force_peak: Largest force [N].
         saturated_share: Share of samples at the force limit [1].
-        diverged: Blown up, saturated beyond `SATURATION_LIMIT`, or grown beyond `GROWTH_LIMIT`.
+        diverged: Blown up, saturated beyond `SATURATION_LIMIT`, or grown beyond `GROWTH_LIMIT`;
+            growth is judged only where `STARTED` seconds are left out at the start.
     """
 
     ride_index_front: FloatArray
@@ -105,6 +109,7 @@ def measure(trajectory: Trajectory, skip: float, force_limit: float | None) -> R
     first = rms(acceleration[:2, :, :third])
     last = rms(acceleration[:2, :, -third:])
     grown = np.any(np.asarray(last) > GROWTH_LIMIT * np.asarray(first), axis=0)
+    grown &= skip >= STARTED
     blocks = int(acceleration.shape[2] / rate / 5.0 + 1e-9)
     return RunMeasures(
         ride_index_front=marked(sperling(front, rate)),

@@ -171,6 +171,14 @@ class FullRuns(FullSimulation):
         self.reset(delays, tracks, track_of_lane, initial_state, level)
 
 
+def physics_step(vehicle: LateralVehicle | FullVehicle, time_step: float) -> float:
+    """Return the step at which a vehicle's motion is worked out between two records [s]."""
+    if isinstance(vehicle, LateralVehicle):
+        return time_step
+    longest = min(DEFAULT_FULL_STEP, longest_step(vehicle))
+    return time_step / max(1, math.ceil(time_step / longest - 1e-9))
+
+
 def simulation_of(
     vehicle: Vehicle,
     outputs: Sequence[str],
@@ -198,15 +206,13 @@ def simulation_of(
         )
     if vehicle.actuator_lag != actuator.lag:
         vehicle = vehicle.replace(actuator_lag=actuator.lag)
-    step = min(DEFAULT_FULL_STEP, longest_step(vehicle))
-    parts = max(1, math.ceil(time_step / step - 1e-9))
     return FullRuns(
         vehicle,
         outputs,
         actuator=actuator,
         control_period=control_period,
         record_step=time_step,
-        time_step=time_step / parts,
+        time_step=physics_step(vehicle, time_step),
         threads=os.cpu_count() or 1,
     )
 

@@ -231,3 +231,12 @@ def test_a_lane_that_blew_up_has_no_numbers_but_says_so() -> None:
 
 def test_a_lane_beside_one_that_blew_up_keeps_its_numbers() -> None:
     assert blown().lane(0) == measured().lane(0)
+
+
+@pytest.mark.parametrize(("skip", "diverged"), [(5.0, True), (4.9, False), (0.0, False)])
+def test_a_run_that_rises_from_rest_is_no_growth(skip: float, diverged: bool) -> None:
+    # The last third is three times the first: growth, unless the start is in it.
+    rise = np.linspace(0.2, 1.0, len(TIME))
+    values = np.stack([rise * sine() for _ in ACCELERATIONS], axis=-1)[None]
+    found = measure(Trajectory(TIME, ACCELERATIONS, values), skip, None)
+    assert bool(found.diverged[0]) is diverged

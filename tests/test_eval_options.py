@@ -76,6 +76,7 @@ def test_simulate_says_what_was_run(capsys) -> None:
         "skip_s": 2.0,
         "control_period_s": 0.02,
         "time_step_s": 0.005,
+        "physics_step_s": 0.005,
         "actuator_lag_s": 0.03,
         "force_limit_n": 30e3,
     }

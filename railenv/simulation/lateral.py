@@ -234,7 +234,12 @@ def whole_multiple(longer_name: str, longer: float, shorter_name: str, shorter: 
             far below any step that is meant to differ).
     """
     ratio = longer / shorter
-    number = round(ratio) if ratio < _MOST_PERIODS else 0
+    if ratio > _MOST_PERIODS:
+        raise ArgumentError(
+            f"{longer_name} = {longer:g} s is too long for {shorter_name} = {shorter:g} s; "
+            f"give {_MOST_PERIODS * shorter:g} s or less"
+        )
+    number = round(ratio)
     if number < 1 or abs(ratio - number) > 1e-9 * ratio:
         raise ArgumentError(
             f"{longer_name} = {longer:g} s must be a whole multiple of "
