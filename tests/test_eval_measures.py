@@ -235,8 +235,8 @@ def test_a_lane_beside_one_that_blew_up_keeps_its_numbers() -> None:
 
 @pytest.mark.parametrize(("skip", "diverged"), [(5.0, True), (4.9, False), (0.0, False)])
 def test_a_run_that_rises_from_rest_is_no_growth(skip: float, diverged: bool) -> None:
-    # The last third is three times the first: growth, unless the start is in it.
-    rise = np.linspace(0.2, 1.0, len(TIME))
+    # The last third is eight times the first: growth, unless the start is in it.
+    rise = (TIME / SECONDS) ** 2
     values = np.stack([rise * sine() for _ in ACCELERATIONS], axis=-1)[None]
     found = measure(Trajectory(TIME, ACCELERATIONS, values), skip, None)
     assert bool(found.diverged[0]) is diverged
