@@ -39,6 +39,11 @@ def command_hunting(options: argparse.Namespace) -> None:
         raise ArgumentError(
             f"start_mm = {1e3 * start:g} is off the rails; give {1e3 * DERAILMENT_SHIFT:g} or less"
         )
+    if rest >= start:
+        raise ArgumentError(
+            f"rest_mm = {1e3 * rest:g} must be below start_mm = {1e3 * start:g}; what begins "
+            "as rest cannot hunt"
+        )
     threads = parse_whole("threads", options.threads)
     vehicle = _vehicle(options)
     system = FullHunting(vehicle, threads=threads)
@@ -138,7 +143,8 @@ def _record(
 ) -> dict[str, Any]:
     """Return the result in plain values; null where there is none."""
     linear = diagram.linear
-    found = bool(np.isfinite(diagram.hunting_speed))
+    # Hunting down to the lowest speed asked for ends below it, nobody knows where.
+    found = bool(np.isfinite(diagram.hunting_speed)) and diagram.rest_speed > 0.0
     return {
         "wheel": options.wheel,
         "rail": options.rail,

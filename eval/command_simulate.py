@@ -18,7 +18,7 @@ from eval.arguments import (
     progress_bar,
 )
 from eval.full50_safety import VERTICAL, SafetyWatch
-from eval.measures import measure
+from eval.measures import STARTED, measure
 from eval.rollout import ACCELERATIONS, ControlledBatch, Stepping, force_names, rollout
 from eval.scenarios import load_suite
 from eval.simulations import Vehicle, physics_step
@@ -44,6 +44,7 @@ from railenv.vehicle.nonlinear import FullVehicle
 _QUICK_PERIODS = 200
 """Delays of more control periods make the lifted map too large for an answer by the way."""
 
+_RISE = 100.0  # [m] over which a realised track rises from nothing
 _SHORTEST_MEASURE = 5.0
 """One segment of the ride index [s]."""
 
@@ -123,7 +124,9 @@ def command_simulate(options: argparse.Namespace) -> None:
             progress=bar.update,
             watch=watch,
         )
-    measures = measure(trajectory, skip, stepping.actuator.force_limit).lane(0)
+    # Until the last wheelset is on the whole irregularity.
+    risen = max(STARTED, (_RISE + vehicle.wheelset_setback[-1]) / vehicle.speed)
+    measures = measure(trajectory, skip, stepping.actuator.force_limit, float(risen)).lane(0)
     found = None if safety is None else safety.answer(trajectory, skip)
     settings = {
         "controller": options.controller,

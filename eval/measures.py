@@ -40,7 +40,7 @@ class RunMeasures:
         force_peak: Largest force [N].
         saturated_share: Share of samples at the force limit [1].
         diverged: Blown up, saturated beyond `SATURATION_LIMIT`, or grown beyond `GROWTH_LIMIT`;
-            growth is judged only where `STARTED` seconds are left out at the start.
+            growth is judged only where the start is left out.
     """
 
     ride_index_front: FloatArray
@@ -71,13 +71,16 @@ class RunMeasures:
         return values
 
 
-def measure(trajectory: Trajectory, skip: float, force_limit: float | None) -> RunMeasures:
+def measure(
+    trajectory: Trajectory, skip: float, force_limit: float | None, risen: float = STARTED
+) -> RunMeasures:
     """Compute the numbers of a batch of runs.
 
     Args:
         trajectory: Signals of `eval.rollout.rollout`.
         skip: Time left out at the start [s].
         force_limit: The actuators' limit [N].
+        risen: Time that must be left out for growth to be judged [s].
 
     Returns:
         One number per lane and measure.
@@ -109,7 +112,7 @@ def measure(trajectory: Trajectory, skip: float, force_limit: float | None) -> R
     first = rms(acceleration[:2, :, :third])
     last = rms(acceleration[:2, :, -third:])
     grown = np.any(np.asarray(last) > GROWTH_LIMIT * np.asarray(first), axis=0)
-    grown &= skip >= STARTED
+    grown &= skip >= risen
     blocks = int(acceleration.shape[2] / rate / 5.0 + 1e-9)
     return RunMeasures(
         ride_index_front=marked(sperling(front, rate)),

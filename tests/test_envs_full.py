@@ -181,6 +181,7 @@ BAD: tuple[tuple[dict[str, Any], str], ...] = (
     ({"time_step": 0.002, "record_step": 0.01}, "too long"),
     ({"curve": 500.0}, "curve"),
     ({"curve": (0.0, 0.1)}, "radius"),
+    ({"curve": (10.0, 0.1)}, "sharper than 100 m"),
     ({"curve": (500.0, np.nan)}, "cant"),
     ({"curve": (500.0, 1.0)}, "cant"),
     ({"curve": (500.0, 0.1), "curve_transition": 0.0}, "curve_transition"),

@@ -78,6 +78,8 @@ def test_a_picture_is_written(found: None, tmp_path: Path) -> None:
         (["--rail", "lma"], "rail = 'lma'"),
         (["--creep-law", "polak"], "polach"),
         (["--friction", "-0.1"], "friction"),
+        (["--start-mm", "1000"], "off the rails"),
+        (["--rest-mm", "7"], "must be below start_mm"),
         (["--from-kmh", "0"], "from_kmh"),
         (["--from-kmh", "600", "--to-kmh", "300"], "to_kmh"),
         (["--step-kmh", "0.01"], "step_kmh"),

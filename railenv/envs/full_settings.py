@@ -13,6 +13,12 @@ from railenv.vehicle import get_vehicle
 from railenv.vehicle.nonlinear import ContactSettings
 from railenv.vehicle.nonlinear.curve import CurveArrays, curved_line, straight_line
 
+SHARPEST_CURVE = 100.0
+"""Smallest radius of a curve [m]."""
+
+LARGEST_CANT = 0.25
+"""Largest cant [m]."""
+
 
 @dataclass(frozen=True)
 class FullSettings(EnvSettings):
@@ -104,10 +110,18 @@ class FullSettings(EnvSettings):
                 f"curve = {given!r} must be a (radius, cant) pair in metres, or None"
             )
         radius = check_finite("curve radius", given[0], "m")  # pyright: ignore
-        if radius == 0.0:
-            raise ArgumentError("curve radius = 0 m; give None for a straight line")
+        if not abs(radius) >= SHARPEST_CURVE:
+            raise ArgumentError(
+                f"curve radius = {radius:g} m is sharper than {SHARPEST_CURVE:g} m, where small "
+                "angles end; give a larger one, or None for a straight line"
+            )
         cant = check_finite("curve cant", given[1], "m")  # pyright: ignore
         spacing = 2.0 * get_vehicle(self.vehicle).parameters.half_contact_spacing
+        if not abs(cant) <= LARGEST_CANT:
+            raise ArgumentError(
+                f"curve cant = {cant:g} m is beyond {LARGEST_CANT:g} m; give metres of the outer "
+                "rail over the inner one"
+            )
         angle = cant / spacing if radius > 0.0 else -cant / spacing
         end = self.curve_start + self.curve_transition
         return curved_line([(self.curve_start, 0.0, 0.0), (end, 1.0 / radius, angle)])

@@ -10,7 +10,7 @@ from railenv.contact.creep_laws import CREEP_LAWS, make_creep_table
 from railenv.contact.creep_table import CreepTable
 from railenv.contact.geometry import WheelRail
 from railenv.contact.hertz import SHEAR_MODULUS
-from railenv.contact.profiles import get_profile
+from railenv.contact.profiles import get_profile, profile_names
 from railenv.contact.table import ContactArrays, contact_arrays
 from railenv.errors import check_not_negative, check_positive, unknown_name
 from railenv.units import Dimensionless, FloatArray, Metre, MetrePerSecond
@@ -30,6 +30,8 @@ from railenv.vehicle.nonlinear.elements import (
 )
 from railenv.vehicle.nonlinear.parameters import FullParameters
 from railenv.vehicle.nonlinear.rates import GIVEN, FrameArrays, FullArrays
+
+_KINDS = ("wheel", "rail")
 
 LAWS = (*CREEP_LAWS, "given")
 """Creep laws by name; "given" is linear with the coefficients of the lateral parameters."""
@@ -74,6 +76,11 @@ class ContactSettings:
     damping: float = 1.5
 
     def __post_init__(self) -> None:
+        every = {each.partition(":")[0] for kind in _KINDS for each in profile_names(kind)}
+        for kind in _KINDS:
+            given = getattr(self, kind)
+            if given.partition(":")[0] not in every:
+                raise unknown_name(f"{kind} profile", given[:60], profile_names(kind))
         if self.law not in LAWS:
             raise unknown_name("creep law", self.law, LAWS)
         check_not_negative("friction", self.friction)
