@@ -74,6 +74,7 @@ def test_the_compilers_cache_looks_at_the_source_of_every_part() -> None:
     assert called <= files
 
 
+@pytest.mark.slow
 def test_a_second_process_compiles_nothing() -> None:
     code = (
         "import numpy as np\n"

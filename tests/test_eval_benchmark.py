@@ -90,6 +90,7 @@ def test_a_controller_that_fails_costs_its_own_cells(
     assert {cell["controller"] for cell in found["cells"]} == {"passive"}
 
 
+@pytest.mark.slow
 def test_a_nonlinear_controller_is_bracketed_by_simulation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,6 +6,7 @@ from eval.calibrate import first_crossing, fit
 from railenv.vehicle import get_vehicle
 
 
+@pytest.mark.slow
 def test_the_frozen_fit_is_what_the_calibration_finds() -> None:
     frozen = get_vehicle("paper_fit").parameters
     found = fit(frozen)

@@ -131,6 +131,7 @@ def on_steps() -> dict[float, FloatArray]:
 WAYS = ("lateral", "vertical")
 
 
+@pytest.mark.slow
 def test_halving_the_default_step_moves_no_rms_by_a_hundredth(
     on_steps: dict[float, FloatArray],
 ) -> None:

@@ -135,6 +135,7 @@ def test_a_gain_just_below_tangency_is_proved_stable_over_an_interval() -> None:
     assert certify(oscillator(4.0, 0.5, 0.5 * (1 - 1e-9)), (0.0, 3.0)).verdict == STABLE
 
 
+@pytest.mark.slow
 def test_the_paper_loop_is_decided_on_both_sides_as_an_interval(loop: DelaySystem) -> None:
     assert certify(loop, (0.0, 0.2019)).verdict == STABLE
     assert certify(loop, (0.0, 0.203)).verdict == UNSTABLE

@@ -132,6 +132,7 @@ def test_progress_counts_every_point() -> None:
     assert told == [(k, 108) for k in range(1, 109)]
 
 
+@pytest.mark.slow
 def test_an_interruption_leaves_no_worker() -> None:
     def interrupt(done: int, total: int) -> None:
         raise KeyboardInterrupt
