@@ -2,7 +2,9 @@
 
 A controller is any object with `reset(num_lanes, seed)` and `act(observations) -> actions`, batched
 with lanes first. Observations are those of the environment (`railenv.envs.observation`): sensors,
-then past actions, SI units. An action of one is `action_scale` newtons (3 kN unless the controller
+then past actions, SI units. One that has `measures`, a tuple of names, gets these columns in place
+of the standard sensors (any output or state of the vehicle, for laws that are told more than a
+vehicle usually measures). An action of one is `action_scale` newtons (3 kN unless the controller
 says otherwise); in simulation and benchmark only the actuator's force limit bounds it, the
 environment's box clips at one. State is kept inside and must not depend on the number of lanes.
 
@@ -13,6 +15,7 @@ A linear controller also offers `to_delay_system(vehicle, actuator)` for the sta
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager, redirect_stdout
+from functools import cache
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -23,7 +26,7 @@ from railenv.errors import ArgumentError, ControllerError, check_positive, unkno
 from railenv.stability import DelaySystem, SampledLoop
 from railenv.stability.loops import LinearSystem
 from railenv.units import FloatArray
-from railenv.vehicle import LateralVehicle, state_space
+from railenv.vehicle import LateralVehicle, lateral17, state_space
 from railenv.vehicle.coordinates import Layout, actuator_positions, parse_layout
 
 
@@ -59,17 +62,46 @@ class Controller(Protocol):
         ...
 
 
-def sensor_columns(sensors: tuple[str, ...], layout: Layout) -> list[int]:
-    """Return where the sensors stand in the standard observation of a layout.
+def measured_columns(sensors: tuple[str, ...], layout: Layout) -> tuple[str, ...]:
+    """Return what has to be measured for a law: the standard sensors, then whatever it asks beyond.
+
+    Args:
+        sensors: Names of the law's inputs: standard sensors, or other outputs and states of the
+            vehicle's state space, for laws that assume more than a vehicle usually carries.
+        layout: The actuators' layout.
 
     Raises:
         ArgumentError: A sensor does not exist; the message names the nearest.
     """
-    known = sensor_names(layout)
+    standard = sensor_names(layout)
     for name in sensors:
-        if name not in known:
-            raise unknown_name("sensor", name, known)
-    return [known.index(name) for name in sensors]
+        if name not in standard and name not in _all_signals(layout):
+            raise unknown_name("sensor", name, (*standard, *_all_signals(layout)))
+    return (*standard, *dict.fromkeys(name for name in sensors if name not in standard))
+
+
+@cache
+def _all_signals(layout: Layout) -> tuple[str, ...]:
+    """Return the names of every output and state; which there are depends on the layout alone."""
+    system = state_space(lateral17("paper_fit", layout, 300.0))
+    return (*system.outputs, *system.states)
+
+
+def measured_by(controller: object, layout: Layout) -> tuple[str, ...]:
+    """Return the measured columns of a controller's observation: its `measures`, or the standard.
+
+    Raises:
+        ArgumentError: `measures` is no tuple of names.
+    """
+    names: Any = getattr(controller, "measures", None)
+    if names is None:
+        return sensor_names(layout)
+    if not isinstance(names, tuple | list) or not all(isinstance(name, str) for name in names):
+        raise ArgumentError(
+            f"the controller's measures = {names!r:.80} must be a tuple of names of sensors, "
+            "outputs or states"
+        )
+    return tuple(names)
 
 
 def check_layout(layout: Layout, vehicle: LateralVehicle) -> None:
@@ -110,9 +142,13 @@ class LinearFeedback:
 
     Args:
         gain: Shape (channels, sensors) [N per sensor unit].
-        sensors: Names of the sensors, columns of the standard observation of the layout.
+        sensors: Names of the sensors: columns of the standard observation of the layout, or other
+            outputs and states of the vehicle.
         layout: "passive" (no channel), 2 or 4.
         action_scale: Force of an action of one [N].
+
+    Attributes:
+        measures: The measured columns of the observation that it takes.
 
     Raises:
         ArgumentError: The gain has the wrong shape or is not finite, or a sensor does not exist.
@@ -129,7 +165,8 @@ class LinearFeedback:
         self.sensors = tuple(sensors)
         self.gain: FloatArray = np.array(gain, dtype=float)
         self.action_scale = check_positive("action_scale", action_scale, "N")
-        self._columns = sensor_columns(self.sensors, self.layout)
+        self.measures = measured_columns(self.sensors, self.layout)
+        self._columns = [self.measures.index(name) for name in self.sensors]
         shape = (len(actuator_positions(self.layout)), len(self.sensors))
         if self.gain.shape != shape:
             raise ArgumentError(f"gain has shape {self.gain.shape}; it must be {shape}")

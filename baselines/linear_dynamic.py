@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from baselines.controller import check_layout, plant_seen, sensor_columns
+from baselines.controller import check_layout, measured_columns, plant_seen
 from railenv.actuation import ActuatorSpec
 from railenv.actuation.hold import ramped_input
 from railenv.envs.observation import DEFAULT_ACTION_SCALE
@@ -56,7 +56,8 @@ class LinearDynamic:
         self.law: LinearSystem = linear_system(law, "law")
         self.action_scale = check_positive("action_scale", action_scale, "N")
         self.control_period = check_positive("control_period", control_period, "seconds")
-        self._columns = sensor_columns(self.sensors, self.layout)
+        self.measures = measured_columns(self.sensors, self.layout)
+        self._columns = [self.measures.index(name) for name in self.sensors]
         shape = (len(actuator_positions(self.layout)), len(self.sensors))
         if self.law.D.shape != shape:
             raise ArgumentError(

@@ -3,6 +3,7 @@
 import numpy as np
 
 from baselines.controller import LinearFeedback
+from baselines.registered import Registered
 from railenv.vehicle.coordinates import actuator_positions, parse_layout
 
 
@@ -23,3 +24,20 @@ class Zero(LinearFeedback):
     def __init__(self, layout: object = 4) -> None:
         channels = len(actuator_positions(parse_layout(layout)))
         super().__init__(np.zeros((channels, 0)), (), layout)
+
+
+PASSIVE = Registered(
+    "passive",
+    "no actuators, all four lateral dampers (implies layout passive)",
+    "Chen, Shi, Yu, Appendix 2",
+    {},
+    lambda vehicle: Passive(),  # noqa: ARG005
+)
+
+ZERO = Registered(
+    "zero",
+    "actuators that never push, dampers replaced as the layout says",
+    "this project",
+    {},
+    lambda vehicle: Zero(vehicle.layout),
+)

@@ -8,63 +8,19 @@ arguments, or with `layout="2"` or "4" if it has a parameter of that name.
 import importlib
 import inspect
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from baselines import passive, skyhook
 from baselines.controller import Controller, users_own_code
-from baselines.passive import Passive, Zero
 from baselines.policy_file import load_policy
-from baselines.skyhook import SkyHook
+from baselines.registered import Registered
 from railenv.errors import ArgumentError, ControllerError, check_text, unknown_name
+from railenv.vehicle import lateral17
 from railenv.vehicle.coordinates import parse_layout
 
-
-@dataclass(frozen=True)
-class Registered:
-    """A controller that can be named.
-
-    Attributes:
-        name: What is typed.
-        description: One line.
-        source: Where the law comes from.
-        settings: Name, default and unit of each setting.
-        build: Makes the controller from the layout and the settings.
-    """
-
-    name: str
-    description: str
-    source: str
-    settings: dict[str, tuple[float, str]]
-    build: Callable[..., Controller]
-
-
 _REGISTRY: dict[str, Registered] = {
-    entry.name: entry
-    for entry in (
-        Registered(
-            "passive",
-            "no actuators, all four lateral dampers (implies layout passive)",
-            "Chen, Shi, Yu, Appendix 2",
-            {},
-            lambda layout: Passive(),  # noqa: ARG005
-        ),
-        Registered(
-            "zero",
-            "actuators that never push, dampers replaced as the layout says",
-            "this project",
-            {},
-            lambda layout: Zero(layout),
-        ),
-        Registered(
-            "skyhook",
-            "F = -gain * carbody lateral velocity at each actuator",
-            "Chen, Shi, Yu, section 5; Karnopp 1995",
-            {"gain": (35e3, "N s/m")},
-            lambda layout, gain: SkyHook(gain, layout),
-        ),
-    )
+    entry.name: entry for entry in (passive.PASSIVE, passive.ZERO, skyhook.SKYHOOK)
 }
 
 
@@ -73,12 +29,16 @@ def registered_controllers() -> list[Registered]:
     return list(_REGISTRY.values())
 
 
-def make_controller(spec: str, layout: object = 4) -> Controller:
+def make_controller(
+    spec: str, layout: object = 4, vehicle: str = "paper_fit", speed_kmh: float = 300.0
+) -> Controller:
     """Make a controller from its SPEC.
 
     Args:
         spec: `name`, `name:key=value,key=value`, `FILE.npz`, or `py:module:function`.
         layout: 2 or 4 (or "passive"); `passive` and a saved policy bring their own.
+        vehicle: Name of the vehicle that a law with a model in it is designed for.
+        speed_kmh: Running speed that it is designed for [km/h].
 
     Returns:
         The controller.
@@ -97,7 +57,7 @@ def make_controller(spec: str, layout: object = 4) -> Controller:
     if name not in _REGISTRY:
         raise unknown_name("controller", name, [*_REGISTRY, "py:module:function", "FILE.npz"])
     entry = _REGISTRY[name]
-    values = {key: default for key, (default, _) in entry.settings.items()}
+    values: dict[str, float | str] = {key: default for key, (default, _) in entry.settings.items()}
     given: set[str] = set()
     for item in rest.split(",") if rest else []:
         key, equals, text = item.partition("=")
@@ -110,8 +70,9 @@ def make_controller(spec: str, layout: object = 4) -> Controller:
             if not values:
                 raise ArgumentError(f"controller {name!r} has no settings; drop {item!r}")
             raise unknown_name(f"setting of {name}", key, values)
-        values[key] = check_text(key, text, entry.settings[key][1])
-    return entry.build(place, **values)
+        default, unit = entry.settings[key]
+        values[key] = text if isinstance(default, str) else check_text(key, text, unit)
+    return entry.build(lateral17(vehicle, place, speed_kmh), **values)
 
 
 def _from_module(rest: str, layout: str) -> Controller:

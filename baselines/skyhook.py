@@ -9,6 +9,7 @@ result.
 import numpy as np
 
 from baselines.controller import LinearFeedback
+from baselines.registered import Registered
 from railenv.envs.observation import DEFAULT_ACTION_SCALE
 from railenv.errors import ArgumentError, check_not_negative
 from railenv.vehicle.coordinates import actuator_positions, parse_layout
@@ -35,3 +36,12 @@ class SkyHook(LinearFeedback):
             raise ArgumentError("layout = 'passive' has no actuator for sky-hook; choose 2 or 4")
         sensors = tuple(f"carbody_lateral_velocity_{k}" for k in places)
         super().__init__(coefficient * np.eye(len(places)), sensors, layout, action_scale)
+
+
+SKYHOOK = Registered(
+    "skyhook",
+    "F = -gain * carbody lateral velocity at each actuator",
+    "Chen, Shi, Yu, section 5; Karnopp 1995",
+    {"gain": (35e3, "N s/m")},
+    lambda vehicle, gain: SkyHook(gain, vehicle.layout),
+)

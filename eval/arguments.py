@@ -39,9 +39,9 @@ LONGEST_CONTROL_PERIOD = 100.0
 
 def parse_loop(options: argparse.Namespace) -> tuple[Controller, LateralVehicle]:
     """Return the controller and the vehicle; a controller that has a layout decides it."""
-    controller = make_controller(options.controller, options.layout)
-    layout = getattr(controller, "layout", options.layout)
     speed = parse_number("speed_kmh", options.speed_kmh)
+    controller = make_controller(options.controller, options.layout, options.vehicle, speed)
+    layout = getattr(controller, "layout", options.layout)
     return controller, lateral17(options.vehicle, layout, speed)
 
 
@@ -71,9 +71,9 @@ def parse_run(options: argparse.Namespace) -> tuple[Controller, Vehicle]:
         typed["friction"] = check_not_negative(
             "friction", parse_number("friction", typed["friction"])
         )
-    controller = make_controller(options.controller, options.layout)
-    layout = getattr(controller, "layout", options.layout)
     speed = parse_number("speed_kmh", options.speed_kmh)
+    controller = make_controller(options.controller, options.layout, options.vehicle, speed)
+    layout = getattr(controller, "layout", options.layout)
     return controller, full50(options.vehicle, layout, speed, ContactSettings(**typed))
 
 

@@ -140,7 +140,7 @@ def _cells(
         [[delay] * vehicle.num_actuators for _, delay in lanes], dtype=float
     ).reshape(len(lanes), vehicle.num_actuators)
     trajectory = rollout(
-        make_controller(spec, vehicle.layout),
+        make_controller(spec, vehicle.layout, suite.vehicle, speed_kmh),
         vehicle,
         lane_delays,
         suite.duration,
@@ -164,7 +164,7 @@ def _stability(
     suite: Suite, spec: str, vehicle: LateralVehicle
 ) -> tuple[dict[str, Any], dict[float, bool | None]]:
     """Return the oracle's answer, and for each delay whether the sampled loop is unstable there."""
-    controller = make_controller(spec, vehicle.layout)
+    controller = make_controller(spec, vehicle.layout, suite.vehicle, 3.6 * vehicle.speed)
     period = suite.control_period
     if not hasattr(controller, "to_delay_system"):
         longest = max(*suite.delays, period)

@@ -78,7 +78,8 @@ class VariedLoop:
                 changes[axis.name] = value
             else:
                 changes |= {name: value * getattr(parameters, name) for name in axis.targets}
-        controller = make_controller(spec, self.layout)
+        # A law with a model in it is designed once, for the vehicle and speed the axes start from.
+        controller = make_controller(spec, self.layout, self.vehicle, self.speed_kmh)
         layout = getattr(controller, "layout", self.layout)
         vehicle = lateral17(parameters.replace(**changes), layout, speed)
         return delay_system(controller, vehicle, ActuatorSpec(lag=lag))
@@ -112,13 +113,13 @@ def varied_loop(options: argparse.Namespace, axes: tuple[Axis, ...]) -> VariedLo
                 raise ArgumentError(
                     f"{other.name!r} and {axis.name!r} both change {both}; choose another"
                 )
-    controller = make_controller(options.controller, options.layout)
+    speed = check_positive("speed_kmh", parse_number("speed_kmh", options.speed_kmh), "km/h")
+    controller = make_controller(options.controller, options.layout, options.vehicle, speed)
     if not hasattr(controller, "to_delay_system"):
         raise ArgumentError(
             f"controller {options.controller!r} is not linear (it has no to_delay_system); choose "
             "a linear one"
         )
-    speed = check_positive("speed_kmh", parse_number("speed_kmh", options.speed_kmh), "km/h")
     lag = ActuatorSpec(lag=parse_number("actuator_lag", options.actuator_lag)).lag
     layout = str(getattr(controller, "layout", options.layout))
     return VariedLoop(options.controller, layout, options.vehicle, speed, lag, axes)
@@ -198,7 +199,7 @@ def _controller_settings(spec: str) -> dict[str, str]:
     name = spec.partition(":")[0]
     for entry in registered_controllers():
         if entry.name == name:
-            return {key: unit for key, (_, unit) in entry.settings.items()}
+            return {k: u for k, (value, u) in entry.settings.items() if not isinstance(value, str)}
     return {}
 
 

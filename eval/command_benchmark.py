@@ -23,10 +23,10 @@ def command_benchmark(options: argparse.Namespace) -> None:
     if options.controller:
         suite = replace(suite, controllers=tuple(dict.fromkeys(options.controller)))
     jobs = check_count("jobs", parse_whole("jobs", options.jobs))
-    for spec, layout, _ in suite.groups():
+    for spec, layout, speed_kmh in suite.groups():
         # A mistyped SPEC stops here; a controller of the user's own that fails is a result.
         with suppress(ControllerError):
-            make_controller(spec, layout)
+            make_controller(spec, layout, suite.vehicle, speed_kmh)
     missing = missing_for_report()
     if missing:
         print(

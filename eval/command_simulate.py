@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from baselines import Controller, registered_controllers
+from baselines.registered import Registered
 from eval.arguments import (
     MODELS,
     parse_delay,
@@ -60,10 +61,7 @@ def command_list(options: argparse.Namespace) -> None:
             "FILE.csv": "a measured track: distance_m and alignment_mm, cross_level_mm, ...",
         },
         "controllers": {
-            entry.name
-            + "".join(f":{key}={value:g}" for key, (value, _) in entry.settings.items()): (
-                f"{entry.description} [{entry.source}]"
-            )
+            _spec_of(entry): f"{entry.description} [{entry.source}]"
             for entry in registered_controllers()
         }
         | {"py:module:function": "a controller of your own"},
@@ -79,6 +77,15 @@ def command_list(options: argparse.Namespace) -> None:
         width = max(len(name) for name in entries)
         for name, description in entries.items():
             print(f"  {name:<{width}}  {description}")
+
+
+def _spec_of(entry: Registered) -> str:
+    """Return the SPEC of a controller with every setting at its default."""
+    settings = ",".join(
+        f"{key}={value if isinstance(value, str) else format(value, 'g')}"
+        for key, (value, _) in entry.settings.items()
+    )
+    return f"{entry.name}:{settings}" if settings else entry.name
 
 
 def command_simulate(options: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.controller import Controller, users_own_code
+from baselines.controller import Controller, measured_by, users_own_code
 from eval.simulations import LinearRuns, Vehicle, simulation_of
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import (
@@ -15,7 +15,6 @@ from railenv.envs.observation import (
     DEFAULT_MAX_DELAY,
     Observer,
     pipe_length,
-    sensor_names,
 )
 from railenv.errors import ArgumentError, ControllerError, check_positive
 from railenv.simulation import (
@@ -80,7 +79,7 @@ class ControlledBatch:
         self.vehicle = vehicle
         self.record = record
         self.stepping = stepping
-        measured = sensor_names(vehicle.layout)
+        measured = self._call("measures", lambda: measured_by(controller, vehicle.layout))
         outputs = tuple(dict.fromkeys((*measured, *record)))
         self.simulation = simulation_of(
             vehicle,
