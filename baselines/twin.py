@@ -142,6 +142,8 @@ class DifferentiableTwin:
             for lane in everyone:
                 lanes.generators[lane] = seeding.np_random(first + int(lane))[0]
         states = here.start(everyone, [lanes.generator(int(lane)) for lane in everyone], None)
+        if lanes.noise:
+            lanes.noise.draw(range(self.num_lanes), lanes.generator)
         self._set_delays(here.vehicle, here.delay)
         begin = np.zeros((self.num_lanes, n)) if states is None else states
         at_start = np.concatenate([begin, self._track.start()], axis=1)
@@ -254,6 +256,10 @@ class DifferentiableTwin:
 
     def _observe(self, sampled: Tensor) -> Tensor:
         """Add a measurement and return the observation."""
+        noise = self._lanes.noise
+        if noise:
+            noise.renew(self._lanes.generator)
+            sampled = sampled + self._tensor(noise.take())
         reading = torch.clamp(sampled, -self._bound, self._bound)
         self._frames = torch.cat([reading, self._frames[:, : -self._measured]], dim=1)
         return torch.cat([self._frames, self._actions, self._told], dim=1)

@@ -96,7 +96,8 @@ def command_simulate(options: argparse.Namespace) -> None:
     seed = check_count("seed", parse_whole("seed", options.seed), minimum=0)
     delays = DelaySpec(parse_delay(options.delay)).per_channel(vehicle.num_actuators or 1)
     delays = delays[: vehicle.num_actuators]
-    stepping = parse_stepping(options)
+    noise = check_not_negative("sensor_noise", parse_number("sensor_noise", options.sensor_noise))
+    stepping = replace(parse_stepping(options), sensor_noise=noise)
     plot = parse_output(options.plot, (".png", ".svg", ".pdf"))
     out = parse_output(options.out, (".npz",))
     video = parse_output(options.video, (".mp4",))
@@ -151,6 +152,7 @@ def command_simulate(options: argparse.Namespace) -> None:
         "physics_step_s": physics_step(vehicle, stepping.time_step),
         "actuator_lag_s": stepping.actuator.lag,
         "force_limit_n": stepping.actuator.force_limit,
+        "sensor_noise": stepping.sensor_noise,
     }
     if isinstance(vehicle, FullVehicle):
         settings |= {

@@ -2,7 +2,9 @@
 
 The excitation is scaled down, lane by lane, until the command is below a fifth of the force limit
 when the track ends: from large motion the limit would turn growth into a limit cycle, or even into
-decay.
+decay. The commands of semi-active dampers are coefficients, which say nothing of the motion's size
+and are at the ends of their range in the smallest motion: there the dampers' forces are judged in
+their place, which end at the same limit.
 """
 
 from typing import Any
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 
 from baselines.controller import Controller
 from eval.rollout import ACCELERATIONS, ControlledBatch, Stepping, force_names
-from eval.simulations import Vehicle, lateral_twin
+from eval.simulations import SemiActiveRuns, Vehicle, lateral_twin
 from railenv.errors import ArgumentError
 from railenv.track import make_track
 from railenv.units import FloatArray
@@ -29,7 +31,7 @@ FREE_RUN = 120.0
 """Time watched after the track has ended [s]."""
 
 COMMAND_SHARE = 0.2
-"""Largest command when the track ends, as a share of the force limit."""
+"""Largest command when the track ends, as a share of the force limit; of dampers, the force."""
 
 WINDOW = 5.0
 """Length of the windows in which the free motion is measured [s]."""
@@ -74,6 +76,7 @@ class Probe:
         self._vehicle, self._stepping, self._seed = vehicle, stepping, seed
         self._record = (*ACCELERATIONS, *force_names(vehicle), *COORDINATES)
         self._batch = ControlledBatch(controller, vehicle, self._record, stepping)
+        self._on_dampers = isinstance(self._batch.simulation, SemiActiveRuns)
         # The rear wheelset leaves the irregularity last.
         clear = float(max(vehicle.wheelset_setback)) / vehicle.speed + 0.5
         self._excited = int(np.ceil((EXCITATION + clear) / stepping.control_period))
@@ -139,9 +142,9 @@ class Probe:
             self._batch.reset(lanes, (self._track,), seed=self._seed, level=scale)
             peak = np.zeros(len(delays))
             for k in range(self._excited):
-                self._batch.advance()
+                outputs = self._batch.advance()
                 if k >= self._excited - self._window // 5 and m:
-                    peak = np.maximum(peak, np.abs(self._batch.commands).max(axis=1))
+                    peak = np.maximum(peak, self._asked(outputs))
             if limit is None or not m:
                 break
             too_large = ~(peak <= COMMAND_SHARE * limit) | self._batch.blown_up
@@ -154,6 +157,19 @@ class Probe:
             )
             scale[too_large] *= factor[too_large]
         self._batch.simulation.end_track()
+
+    def _asked(self, outputs: FloatArray) -> FloatArray:
+        """Return the largest force asked for in a control period just recorded, (lanes,) [N].
+
+        That of the actuators' commands, or of the dampers themselves.
+        """
+        if not self._vehicle.num_actuators:
+            return np.zeros(len(outputs))
+        if not self._on_dampers:
+            return np.abs(self._batch.commands).max(axis=1)
+        first = len(ACCELERATIONS)
+        forces = outputs[:, :, first : first + self._vehicle.num_actuators]
+        return np.abs(forces).max(axis=(1, 2))
 
     def _watch(self, windows: int) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Watch the free motion.
@@ -169,10 +185,10 @@ class Probe:
         for w in range(windows):
             energy = np.zeros(lanes)
             for _ in range(self._window):
-                outputs = self._batch.advance()[:, :, : len(ACCELERATIONS)]
-                energy += np.mean(np.square(outputs), axis=(1, 2))
+                outputs = self._batch.advance()
+                energy += np.mean(np.square(outputs[:, :, : len(ACCELERATIONS)]), axis=(1, 2))
                 if limit is not None:
-                    saturated |= np.any(np.abs(self._batch.commands) >= limit, axis=1)
+                    saturated |= self._asked(outputs) >= limit
             amplitudes[:, w] = np.sqrt(energy / self._window)
         return amplitudes, saturated
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.controller import Controller, measured_by, users_own_code
+from eval.sensor_noise import NoisyReadings
 from eval.simulations import LinearRuns, Vehicle, simulation_of
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import (
@@ -45,12 +46,15 @@ class Stepping:
             one divides it.
         actuator: Limits and lag.
         max_delay: Longest delay whose past actions are observed [s].
+        sensor_noise: Standard deviation of the white Gaussian noise of what the controller
+            measures, in units of the controlled response; see `eval.sensor_noise` [1].
     """
 
     control_period: float = DEFAULT_CONTROL_PERIOD
     time_step: float = DEFAULT_TIME_STEP
     actuator: ActuatorSpec = field(default_factory=ActuatorSpec)
     max_delay: float = DEFAULT_MAX_DELAY
+    sensor_noise: float = 0.0
 
 
 class ControlledBatch:
@@ -87,6 +91,7 @@ class ControlledBatch:
             actuator=stepping.actuator,
             control_period=stepping.control_period,
             time_step=stepping.time_step,
+            damper=getattr(controller, "damper", None),
         )
         length = pipe_length(stepping.max_delay, stepping.control_period)
         self._observer = Observer(measured, vehicle.num_actuators, length)
@@ -118,7 +123,7 @@ class ControlledBatch:
             delays: See `eval.simulations.Simulation.begin`, as for the others.
             tracks: Irregularity.
             track_of_lane: Track of each lane.
-            seed: Given to the controller.
+            seed: Given to the controller, and the sensors' noise is drawn from it.
             initial_state: States at the start.
             level: Factor on the irregularity of each lane.
             track_inputs: Tracks that have been sampled for the linear vehicle, instead of `tracks`;
@@ -132,6 +137,8 @@ class ControlledBatch:
         else:
             raise ArgumentError("track_inputs is for the linear vehicle; give tracks")
         self._observer.reset(lanes)
+        noise = self.stepping.sensor_noise
+        self._readings = NoisyReadings(self._observer.names, noise, lanes, seed)
         self.blown_up = np.zeros(lanes, dtype=bool)
         self._call("reset", lambda: self.controller.reset(lanes, seed))
         self._now = self.simulation.measure()[:, self._measured]
@@ -145,7 +152,7 @@ class ControlledBatch:
         Raises:
             ControllerError: The controller raised, or returned a wrong shape or no finite number.
         """
-        observations = self._observer.observe(self._now)
+        observations = self._observer.observe(self._readings.of(self._now))
         shape = (observations.shape[0], self.vehicle.num_actuators)
         actions = self._call("act", lambda: _real(self.controller.act(observations)))
         if actions.shape != shape:
@@ -214,7 +221,7 @@ def rollout(
         track_of_lane: Track of each lane.
         record: Outputs or states to record; accelerations and forces by default.
         stepping: Steps, limits and lag.
-        seed: Given to the controller.
+        seed: Given to the controller, and the sensors' noise is drawn from it.
         progress: Called with the number of control periods just done.
         watch: Called after every control period with the batch and what was recorded in it, shape
             (lanes, steps, record).

@@ -1,7 +1,8 @@
 """One face for the two simulations, so that a controller runs on either vehicle.
 
 `simulation_of` takes a vehicle and returns what steps it. A run's excitation is the same for both:
-tracks, which of them each lane runs on, and a factor on the irregularity of each lane.
+tracks, which of them each lane runs on, and a factor on the irregularity of each lane. The linear
+vehicle may have semi-active dampers in the place of actuators: commands are then coefficients.
 """
 
 import math
@@ -12,8 +13,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from railenv.actuation import ActuatorSpec
-from railenv.simulation import LateralSimulation, wheelset_inputs
+from railenv.actuation import ActuatorSpec, SemiActiveDamper
+from railenv.errors import ArgumentError
+from railenv.simulation import LateralSimulation, SemiActiveSimulation, wheelset_inputs
 from railenv.simulation.full import DEFAULT_FULL_STEP, longest_step
 from railenv.simulation.full_run import FullSimulation
 from railenv.track import Track
@@ -90,7 +92,11 @@ class Simulation(Protocol):
         ...
 
     def advance(self, commands: FloatArray) -> FloatArray:
-        """Advance a control period; return the outputs, shape (lanes, steps, outputs)."""
+        """Advance a control period; return the outputs, shape (lanes, steps, outputs).
+
+        Args:
+            commands: Forces [N], or coefficients of semi-active dampers [N s/m], (lanes, channels).
+        """
         ...
 
     def stop(self, lanes: NDArray[np.bool_]) -> None:
@@ -146,6 +152,10 @@ class LinearRuns(LateralSimulation):
         return self._sampled[1]
 
 
+class SemiActiveRuns(LinearRuns, SemiActiveSimulation):
+    """The linear vehicle on semi-active dampers, started on tracks."""
+
+
 class FullRuns(FullSimulation):
     """The nonlinear vehicle, started on tracks."""
 
@@ -186,6 +196,7 @@ def simulation_of(
     actuator: ActuatorSpec,
     control_period: float,
     time_step: float,
+    damper: SemiActiveDamper | None = None,
 ) -> LinearRuns | FullRuns:
     """Return what steps a vehicle.
 
@@ -196,10 +207,14 @@ def simulation_of(
         control_period: Time between commands [s].
         time_step: Time between records [s]: the linear vehicle's physics step; the nonlinear one
             divides it into equal physics steps of 0.5 ms, or less at low speed.
+        damper: What stands in the place of every actuator; None for the actuators.
 
     Raises:
-        ArgumentError: A step does not divide the next one, or an output does not exist.
+        ArgumentError: A step does not divide the next one, or an output does not exist, or the
+            damper is none, is on a nonlinear vehicle, or is given what only actuators have.
     """
+    if damper is not None:
+        return _on_dampers(vehicle, outputs, damper, actuator, control_period, time_step)
     if isinstance(vehicle, LateralVehicle):
         return LinearRuns(
             vehicle, outputs, actuator=actuator, control_period=control_period, time_step=time_step
@@ -214,6 +229,42 @@ def simulation_of(
         record_step=time_step,
         time_step=physics_step(vehicle, time_step),
         threads=os.cpu_count() or 1,
+    )
+
+
+def _on_dampers(
+    vehicle: Vehicle,
+    outputs: Sequence[str],
+    damper: SemiActiveDamper,
+    actuator: ActuatorSpec,
+    control_period: float,
+    time_step: float,
+) -> SemiActiveRuns:
+    """Return what steps a linear vehicle on semi-active dampers, see `simulation_of`."""
+    # It comes from a user's controller: anything may stand there.
+    if not isinstance(damper, SemiActiveDamper):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ArgumentError(
+            f"the controller's damper = {damper!r:.80} is no SemiActiveDamper; give one, or None "
+            "for actuators"
+        )
+    if not isinstance(vehicle, LateralVehicle):
+        raise ArgumentError(
+            "the controller commands semi-active dampers, which only the linear vehicle has; use "
+            "--model lateral17"
+        )
+    if actuator.lag > 0.0 or actuator.rate_limit is not None:
+        raise ArgumentError(
+            f"actuator has lag = {actuator.lag:g} s and rate_limit = {actuator.rate_limit}, and "
+            "the controller commands semi-active dampers; give neither, and set the damper's "
+            "response_time"
+        )
+    return SemiActiveRuns(
+        vehicle,
+        outputs,
+        damper=damper,
+        force_limit=actuator.force_limit,
+        control_period=control_period,
+        time_step=time_step,
     )
 
 

@@ -24,6 +24,7 @@ RICH: dict[str, Any] = {
     "jitter": 0.05,
     "dropout": 0.1,
     "sensor_dropout": 0.1,
+    "sensor_noise": 0.2,
     "delay_observed": True,
     "told_error": 0.01,
     "observation_history": 1,

@@ -25,6 +25,7 @@ RICH: dict[str, Any] = {
     "jitter": 0.03,
     "dropout": 0.1,
     "sensor_dropout": 0.1,
+    "sensor_noise": 0.2,
     "delay_observed": True,
     "told_error": 0.02,
     "observation_history": 2,

@@ -41,6 +41,7 @@ BAD: dict[str, tuple[Any, ...]] = {
     "common_jitter": FLAG,
     "dropout": (*NUMBER, 1.0, 1.5),
     "sensor_dropout": (*NUMBER, 1.0, 1.5),
+    "sensor_noise": NUMBER,
     "max_delay": (*NUMBER, 11.0),
     "delay_observed": FLAG,
     "told_error": (*NUMBER, 0.01),
@@ -162,6 +163,7 @@ CHECKED: tuple[Any, ...] = (
     {"start": "controlled", "vehicle_ranges": "wide", "track_level": (0.5, 2.0)},
     {"vehicle_ranges": VehicleRanges(load=(1.0, 1.1)), "track": ("tb3352", "german_low", "flat")},
     {"gauge_limit": 1e-4, "acceleration_limit": 1e-3},
+    {"sensor_noise": 0.5, "observation_history": 1},
     {"render_mode": "ansi"},
     {"render_mode": "rgb_array", "vehicle_ranges": "narrow", "delay": 0.05},
 )

@@ -79,6 +79,7 @@ def test_simulate_says_what_was_run(capsys) -> None:
         "physics_step_s": 0.005,
         "actuator_lag_s": 0.03,
         "force_limit_n": 30e3,
+        "sensor_noise": 0.0,
     }
 
 
@@ -95,6 +96,7 @@ def test_simulate_says_what_was_run(capsys) -> None:
         ("--seconds", "7"),
         ("--skip", "1"),
         ("--delay", "0.07"),
+        ("--sensor-noise", "0.1"),
     ],
 )
 def test_every_option_of_simulate_changes_its_measures(capsys, option: str, other: str) -> None:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from railenv.envs.episodes import Episodes
 from railenv.envs.kernels import ObservationArrays
+from railenv.envs.noise import MeasurementNoise
 from railenv.units import FloatArray
 
 
@@ -19,6 +20,7 @@ class Columns:
         bounds: Largest value of every column, shape (columns,).
         scales: What every column is in units of, shape (columns,) [its SI unit].
         told_factor: What a told delay is multiplied by [1/s, or 1].
+        noise: Noise of the measured columns.
         arrays: What every lane remembers.
     """
 
@@ -26,6 +28,7 @@ class Columns:
     bounds: NDArray[np.float32]
     scales: FloatArray
     told_factor: float
+    noise: MeasurementNoise
     arrays: ObservationArrays
 
 
@@ -47,6 +50,8 @@ def columns_of(episodes: Episodes, num_lanes: int, num_actions: int) -> Columns:
         told = tuple(f"told_delay_{c}" for c in range(1, episodes.num_channels + 1))
     # A told delay in units of the longest one; zero stays zero where no delay is allowed.
     told_factor = 1.0 / s.max_delay if scaled and s.max_delay > 0.0 else 1.0
+    usual = np.array([response for _, _, response in limits])
+    noise = MeasurementNoise(s.sensor_noise * usual / scale, n)
     arrays = ObservationArrays(
         factor=1.0 / scale,
         bound=np.array([limit for limit, _, _ in limits]) / scale,
@@ -55,6 +60,8 @@ def columns_of(episodes: Episodes, num_lanes: int, num_actions: int) -> Columns:
         actions=np.zeros((n, 2 * length * num_actions), dtype=np.float32),
         action=np.zeros(n, dtype=np.int64),
         told=np.zeros((n, len(told)), dtype=np.float32),
+        noise=noise.ahead,
+        noise_row=noise.row,
         lost=np.zeros(n, dtype=bool),
         clipped=np.zeros(n, dtype=bool),
         action_clipped=np.zeros(n, dtype=bool),
@@ -74,4 +81,4 @@ def columns_of(episodes: Episodes, num_lanes: int, num_actions: int) -> Columns:
     told_scale = np.full(len(told), 1.0 / told_factor)
     bounds = np.concatenate([np.tile(arrays.bound, depth), actions, longest_told])
     scales = np.concatenate([np.tile(scale, depth), actions, told_scale])
-    return Columns(names, bounds.astype(np.float32), scales, told_factor, arrays)
+    return Columns(names, bounds.astype(np.float32), scales, told_factor, noise, arrays)

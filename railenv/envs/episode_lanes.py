@@ -3,7 +3,8 @@
 A lane is one vehicle on one track with its own delays, clock and random stream. Everything a lane
 draws comes from its own generator, in an order that does not depend on other lanes; everything it
 computes has a fixed order of operations. So lane k of any batch is the single environment bit for
-bit. Randomly varying delay is drawn in blocks of `BLOCK` periods.
+bit. Randomly varying delay is drawn in blocks of `BLOCK` periods, noise of the sensors in blocks of
+`railenv.envs.noise.AHEAD` measurements.
 """
 
 from __future__ import annotations
@@ -66,6 +67,7 @@ class EpisodeLanes(ABC):
         bounds: Largest value of every column, shape (columns,).
         scales: What every column is in units of, shape (columns,) [its SI unit].
         num_actions: Entries of an action.
+        noise: Noise of the coming measurements.
         generators: One per lane; None before its first seed.
         here: What goes into a step and comes out of it: `here.actions` and `here.active` are set
             before `step`, which overwrites all else.
@@ -99,6 +101,7 @@ class EpisodeLanes(ABC):
             columns.scales,
         )
         self._told_factor, self._arrays = columns.told_factor, columns.arrays
+        self.noise = columns.noise
         self._constants, self.reward = reward_constants(s), reward_arrays(s, num_lanes)
         self.here = self._exchange()
         # What info copies; found when it is first asked for.
@@ -192,6 +195,13 @@ class EpisodeLanes(ABC):
         np.copyto(self._arrays.lost, here[:, -1] < varying.sensor_dropout, where=active)
         true = np.where(lost, np.inf, self.episodes.delay + batch.later)
         np.copyto(batch.true_delay, true, where=active[:, None])
+
+    def _draw(self) -> None:
+        """Draw what the coming period needs: varying delay first, then noise."""
+        if self._varies:
+            self._vary()
+        if self.noise:
+            self.noise.renew(self.generator, self.here.active)
 
     def info(self, lanes: IntArray | None = None) -> dict[str, NDArray[Any]]:
         """Return what there is to know about lanes, new arrays, lanes first.

@@ -96,6 +96,8 @@ class FullLanes(EpisodeLanes):
         generators = [self.generator(lane) for lane in lanes.tolist()]
         episodes, batch, here, memory = self.episodes, self._batch, self.here, self._arrays
         episodes.start(lanes, generators, options)
+        if self.noise:
+            self.noise.draw(lanes.tolist(), self.generator)
         batch.run_on(episodes.track_table)
         batch.start(lanes, episodes.vehicle[lanes], episodes.delay[lanes])
         begin_episodes(self.reward, memory, lanes)
@@ -123,8 +125,7 @@ class FullLanes(EpisodeLanes):
             )
         # A checkpoint that was restored may have brought other tracks.
         self._batch.run_on(self.episodes.track_table)
-        if self._varies:
-            self._vary()
+        self._draw()
         if self.threads == 1:
             self._advance(0, self.num_lanes)
             return

@@ -76,6 +76,9 @@ class ObservationArrays(NamedTuple):
         actions: Past actions, shape (lanes, 2 length actions); length may be 0.
         action: Where the newest action begins, shape (lanes,).
         told: Told delays as observed, shape (lanes, told columns).
+        noise: Noise of the coming measurements in units of the columns, shape (lanes, rows,
+            measured); no rows for readings without noise.
+        noise_row: Which row is the next measurement's, shape (lanes,).
         lost: Measurements that get lost, shape (lanes,).
         clipped: Whether a reading was cut to its bound, shape (lanes,).
         action_clipped: Whether an action was cut to the box, shape (lanes,).
@@ -88,6 +91,8 @@ class ObservationArrays(NamedTuple):
     actions: Float32Array
     action: IntArray
     told: Float32Array
+    noise: FloatArray
+    noise_row: IntArray
     lost: BoolArray
     clipped: BoolArray
     action_clipped: BoolArray
@@ -238,7 +243,7 @@ def observe(
     """Write the observations of the lanes from `first` to before `end`.
 
     Args:
-        arrays: Rings and told delays; the newest measurement is added.
+        arrays: Rings, told delays and noise; the newest measurement is added, a row of noise used.
         active: Lanes that take part, shape (lanes,).
         first: First lane.
         end: One past the last lane.
@@ -253,6 +258,8 @@ def observe(
         arrays.clipped,
     )
     frames, frame, actions, action = arrays.frames, arrays.frame, arrays.actions, arrays.action
+    noise, row = arrays.noise, arrays.noise_row
+    noisy = noise.shape[1] > 0
     for lane in range(first, end):
         if not active[lane]:
             continue
@@ -270,11 +277,15 @@ def observe(
         else:
             for j in range(measured):
                 value = sampled[lane, j] * factor[j]
+                if noisy:
+                    value += noise[lane, row[lane], j]
                 if not abs(value) <= bound[j]:
                     cut = True
                     # Zero stands for what is no number.
                     value = 0.0 if value != value else np.copysign(bound[j], value)
                 frames[lane, at + j] = value
+        if noisy:
+            row[lane] += 1
         for j in range(measured):
             frames[lane, at + depth + j] = frames[lane, at + j]
         clipped[lane] = cut

@@ -82,6 +82,8 @@ class Lanes(EpisodeLanes):
         self.check_options(options)
         generators = [self.generator(lane) for lane in lanes.tolist()]
         states = self.episodes.start(lanes, generators, options)
+        if self.noise:
+            self.noise.draw(lanes.tolist(), self.generator)
         modes = self._batch.modes(self.episodes.vehicle[lanes], states)
         begin_lanes(self._bound(), lanes, modes)
         self._batch.prepare_late(lanes)
@@ -89,8 +91,7 @@ class Lanes(EpisodeLanes):
     def step(self) -> None:
         """Send the actions on their way and advance by one control period; see `here`."""
         bundle = self._bound()
-        if self._varies:
-            self._vary()
+        self._draw()
         if self.threads == 1:
             step(bundle, 0, self.num_lanes)
             return

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from railenv.errors import check_not_negative, unknown_name
+from railenv.errors import ArgumentError, check_not_negative, unknown_name
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, state_space
 from railenv.vehicle.coordinates import (
@@ -40,8 +40,14 @@ _SENSORS = (
     ("displacement", 1.0, "m", 0.005),
     ("stroke_rate", 5.0, "m/s", 0.08),
     ("stroke", 0.5, "m", 0.006),
+    ("bogie1_roll_rate", 5.0, "rad/s", 0.015),
+    ("bogie2_roll_rate", 5.0, "rad/s", 0.015),
+    ("bogie1_yaw_rate", 5.0, "rad/s", 0.02),
+    ("bogie2_yaw_rate", 5.0, "rad/s", 0.02),
     ("roll_rate", 2.0, "rad/s", 0.007),
     ("yaw_rate", 2.0, "rad/s", 0.001),
+    ("roll_acceleration", 20.0, "rad/s^2", 0.06),
+    ("yaw_acceleration", 20.0, "rad/s^2", 0.014),
     ("carbody_lateral_velocity", 5.0, "m/s", 0.02),
     ("bogie1_lateral_acceleration", 200.0, "m/s^2", 1.7),
     ("bogie2_lateral_acceleration", 200.0, "m/s^2", 1.7),
@@ -97,13 +103,21 @@ def measured_names(vehicle: LateralVehicle, observation: str) -> tuple[str, ...]
 
 
 def bound(name: str) -> tuple[float, str, float]:
-    """Return the largest reading of a measured column, its unit, and its controlled response."""
+    """Return the largest reading of a measured column, its unit, and its controlled response.
+
+    Raises:
+        ArgumentError: It is neither a motion that a sensor reads nor a state of the linear vehicle.
+    """
     for part, limit, unit, scale in _SENSORS:
         if part in name and not name.endswith(("_velocity", "_node")):
             return limit, unit, scale
+    scale = next((scale for part, scale in _STATE_SCALES if part in name), None)
+    if scale is None or name.startswith("track_roll") or name.endswith("_force"):
+        raise ArgumentError(
+            f"{name!r} has no controlled response on record; choose a sensor or a state"
+        )
     angular = name.split("_")[1] in ("yaw", "roll") and not name.endswith("_node")
     unit = ("rad" if angular else "m") + ("/s" if name.endswith("_velocity") else "")
-    scale = next(scale for part, scale in _STATE_SCALES if part in name)
     return _STATE_BOUND, unit, scale
 
 

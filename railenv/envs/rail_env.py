@@ -65,11 +65,16 @@ class Lateral17Env(gym.Env[Observation, Observation]):
     Velocities and accelerations of the carbody are those at damper level. y is to the right and z
     down: positive roll puts the right side down, positive yaw turns the
     nose to the right. Damper places 1 and 2 are the front and rear end of the front bogie, 3 and 4
-    of the rear bogie. Readings carry no noise. Accelerations are those just before a force that
-    switches at this very instant. A reading beyond its bound is clipped and flagged in
-    `info["observation_clipped"]`. With `observation="state"` the model's own states stand in place
-    of the sensors, each within +-100 SI units: 17 coordinates, their 17 velocities, one node per
-    Maxwell damper (38 with layout 4, 40 with layout 2).
+    of the rear bogie. Accelerations are those just before a force that switches at this very
+    instant. A reading beyond its bound is clipped and flagged in `info["observation_clipped"]`.
+    With `observation="state"` the model's own states stand in place of the sensors, each within
+    +-100 SI units: 17 coordinates, their 17 velocities, one node per Maxwell damper (38 with layout
+    4, 40 with layout 2).
+
+    Readings carry no noise unless `sensor_noise` is above zero: then each has white Gaussian noise
+    of its own at every measurement, with a standard deviation of `sensor_noise` times the column's
+    scale, also where the observation is in SI units. Past actions and told delays have none; reward
+    and info are those of the true motion. A lost measurement leaves the last one with its noise.
 
     Past actions reach as far back as `max_delay`, unless `action_history` says otherwise. The told
     delay is the time from measurement to force without jitter, wrong by up to `told_error`.

@@ -67,6 +67,8 @@ class EnvSettings:
         common_jitter: Whether the channels share that draw.
         dropout: Probability that a channel's command is lost and the actuator holds its last [1].
         sensor_dropout: Probability that a measurement is lost and the last one stays [1].
+        sensor_noise: Standard deviation of every reading's white Gaussian noise, in units of the
+            controlled vehicle's response (what `observation_scale="controlled"` divides by) [1].
         max_delay: Longest delay allowed, all parts together [s].
         delay_observed: Whether the observation tells the delay.
         told_error: The told delay is wrong by a draw from +-told_error per episode [s].
@@ -113,6 +115,7 @@ class EnvSettings:
     common_jitter: bool = False
     dropout: Dimensionless = 0.0
     sensor_dropout: Dimensionless = 0.0
+    sensor_noise: Dimensionless = 0.0
     max_delay: Second = DEFAULT_MAX_DELAY
     delay_observed: bool = False
     told_error: Second = 0.0
@@ -153,7 +156,13 @@ class EnvSettings:
             ("acceleration_limit", "m/s^2"),
         ):
             check_positive(name, getattr(self, name), unit)
-        for name in ("max_delay", "told_error", "effort_weight", "stroke_weight"):
+        for name in (
+            "sensor_noise",
+            "max_delay",
+            "told_error",
+            "effort_weight",
+            "stroke_weight",
+        ):
             check_not_negative(name, getattr(self, name))
         if self.divergence_penalty is not None:
             check_not_negative("divergence_penalty", self.divergence_penalty)

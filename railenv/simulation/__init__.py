@@ -9,6 +9,7 @@ from railenv.simulation.lateral import (
     whole_multiple,
 )
 from railenv.simulation.plant import PlantTable
+from railenv.simulation.semi_active import SemiActiveSimulation
 from railenv.simulation.trajectory import Trajectory
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "DEFAULT_TIME_STEP",
     "LateralSimulation",
     "PlantTable",
+    "SemiActiveSimulation",
     "Trajectory",
     "VehicleBatch",
     "required_length",
