@@ -1,12 +1,15 @@
-"""Dynamic linear feedback: filters, integrators, observers, designed in continuous time.
+"""Dynamic linear feedback: filters, integrators, observers, in continuous time or sampled.
 
-    xc' = A xc + B y,   u = -(C xc + D y)
+    xc' = A xc + B y,               u = -(C xc + D y)       continuous
+    xc_(k+1) = A xc_k + B y_k,      u_k = -(C xc_k + D y_k) sampled
 
-The oracle is given this law as it stands. In simulation it is stepped once per control period T
-with the exact transition exp(A T) and a reading that runs linearly from one sample to the next
-(first-order hold): poles stay where they were designed, and the reading is used at once, so that no
-delay beyond the sampling itself is added; what remains differs from the continuous law by terms of
-order T^2. A zero-order hold on the reading would act T/2 later.
+The oracle is given either law as it stands; a sampled one is judged with its hold
+(`to_sampled_loop`) and has no continuous loop. In simulation a sampled law is stepped as it is. A
+continuous one is stepped once per control period T with the exact transition exp(A T) and a reading
+that runs linearly from one sample to the next (first-order hold): poles stay where they were
+designed, and the reading is used at once, so that no delay beyond the sampling itself is added;
+what remains differs from the continuous law by terms of order T^2. A zero-order hold on the reading
+would act T/2 later.
 """
 
 from typing import Any
@@ -14,7 +17,9 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from baselines import export
 from baselines.controller import check_layout, measured_columns, plant_seen
+from baselines.lane_matrix import LaneMatrix
 from railenv.actuation import ActuatorSpec
 from railenv.actuation.hold import ramped_input
 from railenv.envs.observation import DEFAULT_ACTION_SCALE
@@ -31,16 +36,17 @@ class LinearDynamic:
     """Dynamic linear feedback of sensors, u = -law(y), batched.
 
     Args:
-        law: The controller in continuous time, sensors in, forces [N] out: a tuple (A, B, C, D), or
-            a state space or transfer function of scipy.signal or python-control. u = -law(y).
+        law: The controller, sensors in, forces [N] out: a tuple (A, B, C, D), or a state space or
+            transfer function of scipy.signal or python-control in continuous time. u = -law(y).
         sensors: Names of its inputs, columns of the standard observation of the layout.
         layout: 2 or 4.
         action_scale: Force of an action of one [N].
         control_period: Time between actions [s]; it must be that of the run.
+        sampled: Whether law is a tuple of the matrices of a sampled law, one step per action.
 
     Raises:
-        ArgumentError: The law is no linear system in continuous time or has the wrong size, or a
-            sensor does not exist.
+        ArgumentError: The law is no linear system or has the wrong size, or a sensor does not
+            exist.
     """
 
     def __init__(
@@ -50,12 +56,14 @@ class LinearDynamic:
         layout: object,
         action_scale: float = DEFAULT_ACTION_SCALE,
         control_period: float = DEFAULT_CONTROL_PERIOD,
+        sampled: bool = False,
     ) -> None:
         self.layout: Layout = parse_layout(layout)
         self.sensors = tuple(sensors)
         self.law: LinearSystem = linear_system(law, "law")
         self.action_scale = check_positive("action_scale", action_scale, "N")
         self.control_period = check_positive("control_period", control_period, "seconds")
+        self.sampled = bool(sampled)
         self.measures = measured_columns(self.sensors, self.layout)
         self._columns = [self.measures.index(name) for name in self.sensors]
         shape = (len(actuator_positions(self.layout)), len(self.sensors))
@@ -65,6 +73,12 @@ class LinearDynamic:
                 "one input per sensor"
             )
         A, B = self.law.A, self.law.B
+        self._state: FloatArray = np.zeros((len(A), 0))
+        self._reading: FloatArray | None = None
+        if self.sampled:
+            self._before, self._after, self._transition = B, np.zeros_like(B), A
+            self._prepare()
+            return
         with np.errstate(over="ignore", invalid="ignore"):
             self._before, self._after = ramped_input(A, B, np.zeros_like(B), self.control_period)
             self._transition = _transition(A, self.control_period)
@@ -73,12 +87,16 @@ class LinearDynamic:
                 f"law is too fast to be stepped at control_period = {self.control_period:g} s "
                 "(its transition is not finite); give a shorter period or a slower law"
             )
-        self._state: FloatArray = np.zeros((0, A.shape[0]))
-        self._reading: FloatArray | None = None
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Make ready to be applied to lanes: states, the reading before and the present one."""
+        self._step = LaneMatrix(np.hstack([self._transition, self._before, self._after]))
+        self._force = LaneMatrix(np.hstack([self.law.C, self.law.D]))
 
     def reset(self, num_lanes: int, seed: int) -> None:  # noqa: ARG002
         """Start every lane with the law's states at zero."""
-        self._state = np.zeros((num_lanes, self.law.A.shape[0]))
+        self._state = np.zeros((len(self.law.A), num_lanes))
         self._reading = None
 
     def act(self, observations: FloatArray) -> FloatArray:
@@ -87,21 +105,17 @@ class LinearDynamic:
         Raises:
             ArgumentError: The number of lanes is not that of the last reset.
         """
-        if observations.shape[0] != self._state.shape[0]:
+        if observations.shape[0] != self._state.shape[1]:
             raise ArgumentError(
                 f"observations have {observations.shape[0]} lanes, reset was called for "
-                f"{self._state.shape[0]}; call reset(num_lanes, seed) first"
+                f"{self._state.shape[1]}; call reset(num_lanes, seed) first"
             )
-        reading = observations[:, self._columns]
+        reading = np.ascontiguousarray(observations[:, self._columns].T, dtype=np.float64)
         if self._reading is not None:
-            self._state = (
-                _applied(self._transition, self._state)
-                + _applied(self._before, self._reading)
-                + _applied(self._after, reading)
-            )
+            self._state = self._step(np.vstack([self._state, self._reading, reading]))
         self._reading = reading
-        force = _applied(self.law.C, self._state) + _applied(self.law.D, reading)
-        return -force / self.action_scale
+        force = self._force(np.vstack([self._state, reading]))
+        return -force.T / self.action_scale
 
     def to_delay_system(
         self, vehicle: LateralVehicle, actuator: ActuatorSpec | None = None
@@ -117,9 +131,13 @@ class LinearDynamic:
             the law passes a sensor with direct feedthrough straight through and there is no lag.
 
         Raises:
-            ArgumentError: The layouts differ.
+            ArgumentError: The layouts differ, or the law is sampled.
         """
         check_layout(self.layout, vehicle)
+        if self.sampled:
+            raise ArgumentError(
+                "the law is a sampled one and has no continuous loop; ask to_sampled_loop"
+            )
         return DelaySystem.from_loop(plant_seen(vehicle, self.sensors, actuator), self.law)
 
     def to_sampled_loop(
@@ -165,19 +183,26 @@ class LinearDynamic:
             Dc=-(law.C @ Q + law.D),
         )
 
+    def to_scipy(self) -> Any:
+        """Return the system from sensors to forces [N], u = -law(y), of scipy.signal.
+
+        A sampled law comes in discrete time with its control period, a continuous one as it is.
+
+        Raises:
+            ArgumentError: There is no sensor or no actuator.
+        """
+        return export.to_scipy(self.law, self.control_period if self.sampled else None)
+
+    def to_control(self) -> Any:
+        """Return the same system of python-control, with the names of sensors and forces.
+
+        Raises:
+            ArgumentError: There is no sensor or no actuator, or python-control is not installed.
+        """
+        period = self.control_period if self.sampled else None
+        return export.to_control(self.law, period, self.sensors, self.layout)
+
 
 def _transition(A: FloatArray, period: float) -> FloatArray:
     """Return exp(A T)."""
     return np.asarray(linalg.expm(A * period)) if A.size else A.copy()
-
-
-def _applied(matrix: FloatArray, lanes: FloatArray) -> FloatArray:
-    """Return each lane's matrix product, shape (lanes, rows).
-
-    One multiply-add per column in a fixed order, so that a lane's numbers do not depend on how many
-    lanes there are (a matrix library's would).
-    """
-    result = np.zeros((lanes.shape[0], matrix.shape[0]))
-    for column in range(matrix.shape[1]):
-        result += lanes[:, column, None] * matrix[:, column]
-    return result

@@ -11,7 +11,21 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from baselines import passive, skyhook
+from baselines import (
+    groundhook,
+    lead,
+    lqg,
+    lqr,
+    mixedhook,
+    optimum,
+    passive,
+    pid,
+    predictor,
+    relative,
+    semi_active,
+    skyhook,
+    smith,
+)
 from baselines.controller import Controller, users_own_code
 from baselines.policy_file import load_policy
 from baselines.registered import Registered
@@ -20,7 +34,26 @@ from railenv.vehicle import lateral17
 from railenv.vehicle.coordinates import parse_layout
 
 _REGISTRY: dict[str, Registered] = {
-    entry.name: entry for entry in (passive.PASSIVE, passive.ZERO, skyhook.SKYHOOK)
+    entry.name: entry
+    for entry in (
+        passive.PASSIVE,
+        passive.ZERO,
+        skyhook.SKYHOOK,
+        skyhook.SKYHOOK_ACCELEROMETER,
+        lead.SKYHOOK_LEAD,
+        groundhook.GROUNDHOOK,
+        mixedhook.MIXEDHOOK,
+        relative.RELATIVE,
+        pid.PID,
+        lqr.LQR,
+        lqg.LQG,
+        lqg.DELAY_LQG,
+        smith.SMITH,
+        predictor.PREDICTOR,
+        semi_active.SEMIACTIVE_ONOFF,
+        semi_active.SEMIACTIVE_SKYHOOK,
+        optimum.OPTIMUM,
+    )
 }
 
 

@@ -202,4 +202,10 @@ def _outputs(
         c, d = position(unit_row(f"wheelset{wheelset}_lateral"))
         d[vehicle.num_actuators + column] = -1.0
         rows[f"wheelset{wheelset}_rail_offset"] = (c, d)
+    # What the wheelsets meet, for laws that are told it.
+    for column in range(NUM_TRACK):
+        name = f"{('alignment', 'track_roll')[column // 4]}_{WHEELSETS[column % 4]}"
+        d = np.zeros(num_inputs)
+        d[vehicle.num_actuators + column] = 1.0
+        rows[name] = (np.zeros(num_states), d)
     return rows
