@@ -20,11 +20,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from baselines import export
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import DEFAULT_ACTION_SCALE, sensor_names
 from railenv.errors import ArgumentError, ControllerError, check_positive, unknown_name
 from railenv.stability import DelaySystem, SampledLoop
-from railenv.stability.loops import LinearSystem
+from railenv.stability.loops import LinearSystem, static_gain
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, lateral17, state_space
 from railenv.vehicle.coordinates import Layout, actuator_positions, parse_layout
@@ -237,3 +238,19 @@ class LinearFeedback:
             Cc=np.zeros((m, 0)),
             Dc=-self.gain,
         )
+
+    def to_scipy(self) -> Any:
+        """Return the static system from sensors to forces [N], u = -gain @ y, of scipy.signal.
+
+        Raises:
+            ArgumentError: There is no sensor or no actuator.
+        """
+        return export.to_scipy(static_gain(self.gain), None)
+
+    def to_control(self) -> Any:
+        """Return the same system of python-control, with the names of sensors and forces.
+
+        Raises:
+            ArgumentError: There is no sensor or no actuator, or python-control is not installed.
+        """
+        return export.to_control(static_gain(self.gain), None, self.sensors, self.layout)

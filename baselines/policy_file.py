@@ -1,8 +1,9 @@
 """Linear controllers as files: arrays and one JSON text in an `.npz`, never anything to execute.
 
 A file holds everything that turns an observation into an action: the matrices, the sensors' names,
-the layout, the force of an action of one and, for a dynamic law, the control period. What is read
-back acts bit for bit like what was saved.
+the layout, the force of an action of one and, for a dynamic law, the control period. The same four
+matrices mean one thing in continuous time and another from sample to sample: the kind says which.
+What is read back acts bit for bit like what was saved.
 """
 
 import json
@@ -29,18 +30,24 @@ LARGEST_ARRAY = 64_000_000
 
 _MOST_ARRAYS = 32
 _LARGEST_WHOLE = 2**53
+_SAMPLED = "sampled_linear_dynamic"
 _KEYS = {
     "linear_feedback": ("layout", "sensors", "action_scale"),
     "linear_dynamic": ("layout", "sensors", "action_scale", "control_period"),
+    _SAMPLED: ("layout", "sensors", "action_scale", "control_period"),
 }
-_ARRAYS = {"linear_feedback": ("gain",), "linear_dynamic": ("A", "B", "C", "D")}
+_ARRAYS = {
+    "linear_feedback": ("gain",),
+    "linear_dynamic": ("A", "B", "C", "D"),
+    _SAMPLED: ("A", "B", "C", "D"),
+}
 
 
 def save_policy(controller: LinearFeedback | LinearDynamic, path: str | Path) -> None:
     """Write a linear controller to an `.npz` file, as a whole or not at all.
 
     Args:
-        controller: A `LinearFeedback` (sky-hook too) or `LinearDynamic`.
+        controller: A `LinearFeedback` (sky-hook too) or `LinearDynamic`, continuous or sampled.
         path: The file; it must end in .npz.
 
     Raises:
@@ -55,7 +62,8 @@ def save_policy(controller: LinearFeedback | LinearDynamic, path: str | Path) ->
         kind, arrays = "linear_feedback", {"gain": controller.gain}
     elif isinstance(controller, LinearDynamic) and type(controller).act is LinearDynamic.act:
         law = controller.law
-        kind, arrays = "linear_dynamic", {"A": law.A, "B": law.B, "C": law.C, "D": law.D}
+        kind = _SAMPLED if controller.sampled else "linear_dynamic"
+        arrays = {"A": law.A, "B": law.B, "C": law.C, "D": law.D}
     else:
         raise ArgumentError(
             f"controller {type(controller).__name__} is no linear law that a file of matrices "
@@ -110,7 +118,8 @@ def load_policy(path: str | Path) -> LinearFeedback | LinearDynamic:
     try:
         if kind == "linear_feedback":
             return LinearFeedback(values[0], tuple(sensors), layout, **metadata)
-        return LinearDynamic(tuple(values), tuple(sensors), layout, **metadata)
+        sampled = kind == _SAMPLED
+        return LinearDynamic(tuple(values), tuple(sensors), layout, sampled=sampled, **metadata)
     except ArgumentError as error:
         raise InputFileError(f"{place}: {error}") from None
 

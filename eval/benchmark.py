@@ -19,13 +19,19 @@ from eval.delay_sweep import simulated_critical_delay, unstable_by_simulation
 from eval.measures import measure
 from eval.records import provenance, write_records
 from eval.rollout import rollout
+from eval.sampled_answers import LONGEST_SCAN, design_delays, sampled_loop, windows_answer
 from eval.scenarios import Suite, cell_key
-from eval.stability_answers import critical_delay_answer, delay_system, root_locus
+from eval.stability_answers import (
+    critical_delay_answer,
+    delay_system,
+    is_sampled_only,
+    root_locus,
+)
 from railenv.config import to_dict
 from railenv.errors import RailenvError
 from railenv.files import make_folder
 from railenv.simulation import required_length
-from railenv.stability import sampled_growth_rate
+from railenv.stability import sampled_growth_rate, unstable_at
 from railenv.track import make_track
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, lateral17
@@ -163,9 +169,20 @@ def _cells(
 def _stability(
     suite: Suite, spec: str, vehicle: LateralVehicle
 ) -> tuple[dict[str, Any], dict[float, bool | None]]:
-    """Return the oracle's answer, and for each delay whether the sampled loop is unstable there."""
+    """Return the oracle's answer, and for each delay whether the sampled loop is unstable there.
+
+    A law that is linear only from sample to sample has its stable windows as answer; one that is
+    not linear is bracketed by simulation.
+    """
     controller = make_controller(spec, vehicle.layout, suite.vehicle, 3.6 * vehicle.speed)
     period = suite.control_period
+    if is_sampled_only(controller):
+        loop = sampled_loop(controller, vehicle, period)
+        longest = max(LONGEST_SCAN, *suite.delays)
+        # Looked at beside the others, so that a window as narrow as one cell is not missed.
+        also = (*suite.delays, *design_delays(controller, longest))
+        answer = windows_answer(loop, vehicle, longest, also)
+        return {**answer, "root_locus": None}, {d: unstable_at(loop, d) > 0 for d in suite.delays}
     if not hasattr(controller, "to_delay_system"):
         longest = max(*suite.delays, period)
         answer = simulated_critical_delay(

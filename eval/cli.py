@@ -28,7 +28,7 @@ _COMMANDS = {
     "list": ("eval.command_simulate", "command_list"),
     "simulate": ("eval.command_simulate", "command_simulate"),
     "critical-delay": ("eval.command_stability", "command_critical_delay"),
-    "roots": ("eval.command_stability", "command_roots"),
+    "roots": ("eval.command_roots", "command_roots"),
     "benchmark": ("eval.command_benchmark", "command_benchmark"),
     "report": ("eval.command_benchmark", "command_report"),
     "certify": ("eval.command_certify", "command_certify"),
@@ -138,7 +138,8 @@ def _parser() -> argparse.ArgumentParser:
     add_model_arguments(simulate)
     simulate.add_argument("--seconds", default="20", help="length of the run [s] (20)")
     simulate.add_argument("--skip", help="time left out of the measures at the start [s] (5)")
-    simulate.add_argument("--seed", default="0", help="seed of the track (0)")
+    simulate.add_argument("--seed", default="0", help="seed of track and noise (0)")
+    simulate.add_argument("--sensor-noise", default="0", help="0.1: 10 % of usual readings (0)")
     simulate.add_argument("--out", help="write the signals to this .npz file")
     simulate.add_argument("--plot", help="draw the run into this .png, .svg or .pdf file")
     simulate.add_argument("--video", help="film the run into this .mp4 file")
@@ -146,12 +147,13 @@ def _parser() -> argparse.ArgumentParser:
     critical = commands.add_parser("critical-delay", help="every critical delay of a loop")
     _loop(critical, own=True)
     critical.add_argument("--method", default="exact", help="exact, pade:N or simulation (exact)")
-    critical.add_argument("--max-delay", default="2", help="longest delay searched [s] (2)")
+    longest = "longest delay searched [s] (2; sampled laws 0.6)"
+    critical.add_argument("--max-delay", default=Default("2"), help=longest)
     add_model_arguments(critical)
     critical.add_argument(
         "--prove-sampled",
         action="store_true",
-        help="prove the sampled critical delay too, between two delays (some seconds)",
+        help="prove a bracket of the sampled critical delay; a sampled law's windows at one delay",
     )
 
     roots = commands.add_parser("roots", help="rightmost characteristic roots at one delay")

@@ -14,6 +14,7 @@ from eval.arguments import (
 )
 from eval.families import parse_family
 from eval.loops import is_typed, parse_linear_loop, parse_sampled_loop
+from eval.stability_answers import is_sampled_only
 from railenv.errors import ArgumentError, RailenvError
 from railenv.stability import Certificate, DelaySystem, SampledLoop, certify
 from railenv.stability.verifier import verify_certificate
@@ -68,11 +69,21 @@ def _loop(options: argparse.Namespace) -> tuple[Any, str]:
     if options.vary:
         if options.controller is None:
             raise ArgumentError("--vary varies a vehicle; give --controller instead of --system")
+        if is_sampled_only(parse_loop(options)[0]):
+            raise ArgumentError(
+                f"--vary varies a continuous loop and controller {options.controller!r} is a "
+                "sampled law; drop --vary and give --control-period"
+            )
         varied = ", ".join(options.vary)
         return parse_family(options), f"{options.controller}, {options.vehicle}, {varied}"
     if options.controller is not None and is_typed(options, "control_period"):
         return parse_sampled_loop(options), _title(options, parse_loop(options)[1])
     system, vehicle = parse_linear_loop(options)
+    if isinstance(system, SampledLoop) and vehicle is not None:
+        raise ArgumentError(
+            f"controller {options.controller!r} is a sampled law and has no continuous loop; say "
+            f"that its hold is meant: --control-period {system.period:g}"
+        )
     return system, _title(options, vehicle)
 
 

@@ -21,9 +21,10 @@ from eval.arguments import (
 from eval.full50_safety import VERTICAL, SafetyWatch
 from eval.measures import STARTED, measure
 from eval.rollout import ACCELERATIONS, ControlledBatch, Stepping, force_names, rollout
+from eval.sampled_answers import sampled_loop
 from eval.scenarios import load_suite
 from eval.simulations import Vehicle, physics_step
-from eval.stability_answers import delay_system
+from eval.stability_answers import delay_system, is_sampled_only
 from railenv.actuation import DelaySpec
 from railenv.config import config_names
 from railenv.envs.registration import env_ids
@@ -198,9 +199,12 @@ def _growth_rate(
     periods = float(delays.max(initial=0.0)) / stepping.control_period
     if isinstance(vehicle, FullVehicle):
         return None
-    if not hasattr(controller, "to_delay_system") or periods > _QUICK_PERIODS:
+    if periods > _QUICK_PERIODS:
         return None
     try:
+        if is_sampled_only(controller):
+            loop = sampled_loop(controller, vehicle, stepping.control_period, stepping.actuator)
+            return loop.growth_rate(list(delays) or 0.0)
         system = delay_system(controller, vehicle, stepping.actuator)
         return sampled_growth_rate(system, list(delays) or 0.0, stepping.control_period)
     except RailenvError:

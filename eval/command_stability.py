@@ -1,54 +1,31 @@
-"""`railenv critical-delay` and `railenv roots`: the stability oracle on the command line."""
+"""`railenv critical-delay`: the stability oracle on the command line."""
 
 import argparse
-from collections.abc import Callable
 from typing import Any
 
-from eval.arguments import (
-    parse_delay,
-    parse_number,
-    parse_run,
-    parse_stepping,
-    parse_whole,
-    print_json,
-    progress_bar,
+from eval.arguments import parse_number, parse_run, parse_stepping, print_json, progress_bar
+from eval.command_sampled import (
+    critical_delay_of_law,
+    print_crossings,
+    sampled_bracket,
+    sampled_critical_delay_of_file,
 )
 from eval.delay_sweep import simulated_critical_delay
 from eval.full50_linear import linear_loop
-from eval.loops import is_typed, parse_linear_loop, parse_sampled_loop
-from eval.simulations import Vehicle, lateral_twin
-from eval.stability_answers import (
-    critical_delay_answer,
-    enclosed_root_answers,
-    root_answers,
-)
-from railenv.errors import ArgumentError, NeutralLoopError, check_count, check_positive
-from railenv.stability import (
-    DelaySystem,
-    SampledLoop,
-    enclosed_roots,
-    pade_roots,
-    proved_critical_delay,
-    rightmost_roots,
-)
+from eval.loops import is_typed, loop_name, parse_linear_loop, parse_method
+from eval.simulations import lateral_twin
+from eval.stability_answers import critical_delay_answer
+from railenv.errors import ArgumentError, check_positive
+from railenv.stability import DelaySystem, SampledLoop
 from railenv.vehicle import LateralVehicle
 from railenv.vehicle.nonlinear import FullVehicle
-
-_SHOWN = 20
-"""Most lines of a list; --json gives all."""
-
-
-def _loop_name(options: argparse.Namespace, vehicle: Vehicle | None) -> str:
-    if vehicle is None:
-        return str(options.system)
-    return f"{options.controller}, layout {vehicle.layout}"
 
 
 def command_critical_delay(options: argparse.Namespace) -> None:
     """Print every critical delay of a loop."""
     longest = check_positive("max_delay", parse_number("max_delay", options.max_delay), "seconds")
     stepping = parse_stepping(options)
-    method, order = _method(options.method, ("exact", "simulation"))
+    method, order = parse_method(options.method, ("exact", "simulation"))
     if options.prove_sampled and method != "exact":
         raise ArgumentError("--prove-sampled goes with --method exact")
     if method == "simulation":
@@ -68,8 +45,11 @@ def command_critical_delay(options: argparse.Namespace) -> None:
             )
     else:
         system, vehicle = _small_motion(options) or parse_linear_loop(options)
+        if isinstance(system, SampledLoop) and vehicle is not None:
+            critical_delay_of_law(options, system, vehicle, longest)
+            return
         if isinstance(system, SampledLoop):
-            _sampled_critical_delay(options, system, longest, method)
+            sampled_critical_delay_of_file(options, system, longest, method)
             return
         # A loop of the user's own has no control period unless one is named.
         sampled = vehicle is not None or is_typed(options, "control_period")
@@ -88,16 +68,16 @@ def command_critical_delay(options: argparse.Namespace) -> None:
                 progress=tell_delay,
             )
             if options.prove_sampled:
-                answer |= _sampled_bracket(options, system, answer, tell_delay)
+                answer |= sampled_bracket(options, system, answer, tell_delay)
     if options.json:
         print_json(answer)
         return
     train = f", {options.speed_kmh} km/h, {options.vehicle}" if vehicle is not None else ""
     if options.model != "lateral17":
         train += f", {options.model}" + ("" if method == "simulation" else " linearised")
-    print(f"{_loop_name(options, vehicle)}{train}, method {answer['method']}")
+    print(f"{loop_name(options, vehicle)}{train}, method {answer['method']}")
     _print_critical(answer, method, longest)
-    _print_crossings(answer)
+    print_crossings(answer)
     print(_proved_text(answer, method))
 
 
@@ -119,81 +99,6 @@ def _small_motion(options: argparse.Namespace) -> tuple[DelaySystem, LateralVehi
         raise ArgumentError("--prove-sampled goes with --model lateral17")
     lag = parse_stepping(options).actuator.lag
     return linear_loop(controller, vehicle.replace(actuator_lag=lag)), lateral_twin(vehicle)
-
-
-def _sampled_critical_delay(
-    options: argparse.Namespace, loop: SampledLoop, longest: float, method: str
-) -> None:
-    """Print the proved bracket of a sampled loop's first critical delay."""
-    if method != "exact":
-        raise ArgumentError(
-            f"method = {options.method!r} is for continuous loops and {options.system!r} holds a "
-            "sampled one; drop --method"
-        )
-    with progress_bar(options, None, "delay") as bar:
-
-        def tell(delay: float) -> None:
-            bar.set_postfix_str(f"{1000 * delay:.0f} ms", refresh=False)
-            bar.update()
-
-        found = proved_critical_delay(loop, longest, progress=tell)
-    low, high = found.low, found.high
-    middle = None if low is None or high is None else (low + high) / 2.0
-    unstable = found.unstable.unstable_roots if low is None and found.unstable else None
-    if options.json:
-        print_json(
-            {
-                "critical_delay_s": None,
-                "critical_delay_sampled_s": middle,
-                "critical_delay_sampled_bracket_s": [low, high],
-                "control_period_s": loop.period,
-                "crossings": [],
-                "max_delay_s": longest,
-                "method": "sampled",
-                "proved": not found.reason,
-                "sampled_proved": not found.reason,
-                "reason": found.reason,
-            }
-        )
-        return
-    print(f"{options.system}, method sampled")
-    label = f"critical delay, sampled every {1000 * loop.period:g} ms"
-    if low is None and high == 0.0:
-        number = "" if unstable is None else f": {unstable} unstable roots"
-        print(f"  UNSTABLE WITHOUT DELAY{number}")
-    elif high is None and not found.reason:
-        print(f"  {label}  none up to {longest:g} s")
-    else:
-        print(f"  {label}  {'not found' if middle is None else f'{1000 * middle:.3f} ms'}")
-    if low is not None:
-        # In full: a rounded end would claim more than is proved.
-        print(f"  STABLE for every delay from 0 to {low!r} s")
-    if high is not None:
-        print(f"  UNSTABLE at {high!r} s")
-    print(f"  proved: {'no (' + found.reason + ')' if found.reason else 'yes'}")
-
-
-def _sampled_bracket(
-    options: argparse.Namespace,
-    system: DelaySystem,
-    answer: dict[str, Any],
-    progress: Callable[[float], None],
-) -> dict[str, Any]:
-    """Prove the loop with hold stable up to one delay and unstable at the next."""
-    period = answer["control_period_s"]
-    if period is None:
-        raise ArgumentError("--prove-sampled needs a control period; give --control-period")
-    loop = (
-        SampledLoop.from_delay_system(system, period)
-        if options.controller is None
-        else parse_sampled_loop(options)
-    )
-    found = proved_critical_delay(loop, answer["max_delay_s"], progress=progress)
-    return {
-        "critical_delay_sampled_bracket_s": [found.low, found.high],
-        "sampled_proved": not found.reason,
-        "sampled_reason": found.reason,
-    }
 
 
 def _proved_text(answer: dict[str, Any], method: str) -> str:
@@ -277,103 +182,6 @@ def _print_critical(answer: dict[str, Any], method: str, longest: float) -> None
 def _size(value: float | None, factor: float, digits: int) -> str:
     """Return a number, or what a run that left every bound has instead."""
     return "beyond any bound" if value is None else f"{factor * value:.{digits}f}"
-
-
-def _print_crossings(answer: dict[str, Any]) -> None:
-    crossings = answer["crossings"]
-    if crossings:
-        print("    delay [ms]  frequency [Hz]  turns     mode")
-    for crossing in crossings[:_SHOWN]:
-        print(
-            f"    {1000 * crossing['delay_s']:10.3f}  {crossing['frequency_hz']:14.4f}  "
-            f"{crossing['direction']:<8}  {crossing['mode'] or '-'}"
-        )
-    if len(crossings) > _SHOWN:
-        print(f"    ... and {len(crossings) - _SHOWN} more (--json lists all)")
-    windows = [
-        f"{1000 * low:.1f} to {1000 * high:.1f} ms"
-        for low, high in answer.get("stable_windows_s", [])
-    ]
-    if windows:
-        print(f"  stable: {', '.join(windows[:_SHOWN])} (searched to {answer['max_delay_s']:g} s)")
-
-
-def command_roots(options: argparse.Namespace) -> None:
-    """Print the rightmost characteristic roots at one delay."""
-    delay = parse_delay(options.delay)
-    count = check_count("count", parse_whole("count", options.count))
-    method, order = _method(options.method, ("exact",))
-    system, vehicle = parse_linear_loop(options)
-    if isinstance(system, SampledLoop):
-        raise ArgumentError(
-            f"{options.system!r} holds a sampled loop, and the characteristic roots are those of a "
-            "continuous one; use certify or critical-delay"
-        )
-    proved, region = False, None
-    if order is None:
-        answers, region = _enclosed(system, delay, count, vehicle)
-        proved = region is not None
-    else:
-        if isinstance(delay, tuple):
-            raise ArgumentError("the Pade method takes one delay for all channels; give one number")
-        answers = root_answers(pade_roots(system, delay, order, count), vehicle)
-    if options.json:
-        print_json(
-            {"method": options.method, "proved": proved, "right_of": region, "roots": answers}
-        )
-        return
-    print(
-        f"{_loop_name(options, vehicle)}, delay {options.delay} s, method {method}"
-        + (f":{order}" if order is not None else "")
-    )
-    verdict = _verdict(answers)
-    word = "proved" if proved else "not proved"
-    print(f"  {verdict} at this delay (continuous feedback, {word})")
-    print("         re [1/s]      im [1/s]  |s|/2pi [Hz]  damping ratio  mode")
-    for root in answers:
-        print(
-            f"    {root['re']:13.6f} {root['im']:13.6f}  {root['frequency_hz']:12.4f}  "
-            f"{root['damping_ratio']:13.5f}  {root['mode'] or '-'}"
-        )
-    if proved:
-        print(
-            f"  complete: no other root is right of {region:.6g} 1/s; each is enclosed to "
-            f"{max(root['radius'] for root in answers):.1e} 1/s"
-        )
-
-
-def _verdict(answers: list[dict[str, Any]]) -> str:
-    """Say where the rightmost root is; a ball that meets the imaginary axis decides nothing."""
-    if any(root["re"] > root.get("radius", 0.0) for root in answers):
-        return "UNSTABLE"
-    if any(root["re"] >= -root.get("radius", 0.0) for root in answers):
-        return "a root on the imaginary axis, or not told from it: neither stable nor unstable"
-    return "stable"
-
-
-def _enclosed(
-    system: DelaySystem,
-    delay: float | tuple[float, ...],
-    count: int,
-    vehicle: LateralVehicle | None,
-) -> tuple[list[dict[str, Any]], float | None]:
-    """Return proved roots and the line they are all of to the right of; estimates and None else."""
-    try:
-        found = enclosed_roots(system, delay, count)
-    except NeutralLoopError:
-        raise
-    except ArgumentError:
-        return root_answers(rightmost_roots(system, delay, count), vehicle), None
-    return enclosed_root_answers(found, vehicle), found.right_of
-
-
-def _method(text: str, plain: tuple[str, ...]) -> tuple[str, int | None]:
-    name, colon, order = text.partition(":")
-    if name == "pade" and colon:
-        return name, check_count("order", parse_whole("order", order))
-    if text in plain:
-        return text, None
-    raise ArgumentError(f"method = {text!r} does not exist; choose {', '.join(plain)} or pade:N")
 
 
 def _ms(value: float | None, longest: float) -> str:

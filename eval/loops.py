@@ -1,16 +1,14 @@
 """The loop that --controller or --system means: continuous, or sampled with its hold."""
 
 import argparse
-import inspect
-from collections.abc import Callable
-from typing import Any
 
-from baselines.controller import users_own_code
-from eval.arguments import parse_loop, parse_stepping
-from eval.stability_answers import delay_system
+from baselines import Controller
+from eval.arguments import parse_loop, parse_stepping, parse_whole
+from eval.sampled_answers import sampled_loop
+from eval.simulations import Vehicle
+from eval.stability_answers import delay_system, is_sampled_only
 from eval.system_file import load_system
-from railenv.actuation import ActuatorSpec
-from railenv.errors import ArgumentError, ControllerError, RailenvError
+from railenv.errors import ArgumentError, check_count
 from railenv.stability import DelaySystem, SampledLoop
 from railenv.vehicle import LateralVehicle
 
@@ -22,7 +20,7 @@ def parse_linear_loop(
 ) -> tuple[DelaySystem | SampledLoop, LateralVehicle | None]:
     """Return the loop that --controller or --system means, and its vehicle if it has one.
 
-    Only a file of --system gives a `SampledLoop`.
+    A sampled law, or a file of --system that holds a sampled loop, gives a `SampledLoop`.
 
     Raises:
         ArgumentError: The controller is not linear, an option for vehicles stands beside --system,
@@ -31,7 +29,7 @@ def parse_linear_loop(
     """
     if options.controller is not None:
         controller, vehicle = parse_loop(options)
-        return delay_system(controller, vehicle, parse_stepping(options).actuator), vehicle
+        return controllers_loop(options, controller, vehicle), vehicle
     for name in _OF_A_VEHICLE:
         if is_typed(options, name):
             raise ArgumentError(
@@ -45,6 +43,20 @@ def parse_linear_loop(
             f"sampled loop with a period of its own, {loop.period:g} s; drop --control-period"
         )
     return loop, None
+
+
+def controllers_loop(
+    options: argparse.Namespace, controller: Controller, vehicle: LateralVehicle
+) -> DelaySystem | SampledLoop:
+    """Return the loop of a controller: continuous, or sampled for a law that is only that.
+
+    Raises:
+        ArgumentError: The controller is not linear.
+    """
+    stepping = parse_stepping(options)
+    if is_sampled_only(controller):
+        return sampled_loop(controller, vehicle, stepping.control_period, stepping.actuator)
+    return delay_system(controller, vehicle, stepping.actuator)
 
 
 def is_typed(options: argparse.Namespace, name: str) -> bool:
@@ -63,39 +75,29 @@ def parse_sampled_loop(options: argparse.Namespace) -> SampledLoop:
     """
     controller, vehicle = parse_loop(options)
     stepping = parse_stepping(options)
-    convert = getattr(controller, "to_sampled_loop", None)
-    if convert is not None:
-        return _sampled(convert, vehicle, stepping.control_period, stepping.actuator)
+    if hasattr(controller, "to_sampled_loop"):
+        return sampled_loop(controller, vehicle, stepping.control_period, stepping.actuator)
     system = delay_system(controller, vehicle, stepping.actuator)
     return SampledLoop.from_delay_system(system, stepping.control_period)
 
 
-def _sampled(
-    convert: Callable[..., Any], vehicle: LateralVehicle, period: float, actuator: ActuatorSpec
-) -> SampledLoop:
-    """Return what a controller's `to_sampled_loop` says, actuator included."""
-    given: tuple[Any, ...] = (vehicle, period, actuator)
-    try:
-        inspect.signature(convert).bind(*given)
-    except (TypeError, ValueError):
-        # A controller of the user's own that knows no actuators.
-        if actuator.lag > 0.0:
-            raise ArgumentError(
-                f"actuator_lag = {actuator.lag:g} s is not known to the controller's "
-                "to_sampled_loop; give it a third argument, actuator, or drop --actuator-lag"
-            ) from None
-        given = (vehicle, period)
-    try:
-        with users_own_code("the controller's to_sampled_loop"):
-            loop = convert(*given)
-    except ControllerError as error:
-        # What the library itself refuses (another period, another layout) is said in its own words.
-        if isinstance(error.__cause__, RailenvError):
-            raise error.__cause__ from None
-        raise
-    if not isinstance(loop, SampledLoop):
-        raise ControllerError(
-            f"the controller's to_sampled_loop returned {type(loop).__name__}; "
-            "it must return a SampledLoop"
-        )
-    return loop
+def loop_name(options: argparse.Namespace, vehicle: Vehicle | None) -> str:
+    """Return the title of the loop that is meant."""
+    if vehicle is None:
+        return str(options.system)
+    return f"{options.controller}, layout {vehicle.layout}"
+
+
+def parse_method(text: str, plain: tuple[str, ...]) -> tuple[str, int | None]:
+    """Return the name of a method and the order of a Pade model.
+
+    Args:
+        text: One of `plain`, or "pade:N".
+        plain: Methods without an order.
+    """
+    name, colon, order = text.partition(":")
+    if name == "pade" and colon:
+        return name, check_count("order", parse_whole("order", order))
+    if text in plain:
+        return text, None
+    raise ArgumentError(f"method = {text!r} does not exist; choose {', '.join(plain)} or pade:N")

@@ -171,6 +171,8 @@ def _stands(group: Group, named: bool) -> str:
     period = 1000 * group.stability.get("control_period_s", 0.0)
     if not group.stability:
         return f"{place} have no critical delay on record"
+    if group.windows_text is not None:
+        return f"{place} are {group.windows_text}"
     if group.unstable_at_once:
         return f"{place} are unstable without any delay"
     if exact is not None and sampled is not None:
@@ -206,6 +208,8 @@ def _card(group: Group, groups: Sequence[Group]) -> dict[str, Any]:
         details.append(f"sampled {number_text(group.ms('critical_delay_sampled_s'), 0)} ms")
     if group.estimated:
         details.append("estimated by simulation")
+    if group.windows_text is not None:
+        details.append(group.windows_text)
     if mode:
         details.append(f"{number_text(group.stability.get('frequency_hz'), 2)} Hz, {mode}")
     none = f"none up to {group.stability.get('max_delay_s', 0.0):g} s"

@@ -37,14 +37,33 @@ LOCUS_STEP = 0.5
 """Largest cost of following a root from one delay to the next; see `follow`."""
 
 
+def is_sampled_only(controller: object) -> bool:
+    """Whether a law is linear, but only from sample to sample: no continuous loop has it in it.
+
+    A law says so with an attribute `sampled`, or by a `to_sampled_loop` without a
+    `to_delay_system`.
+    """
+    if not hasattr(controller, "to_sampled_loop"):
+        return False
+    return getattr(controller, "sampled", False) is True or not hasattr(
+        controller, "to_delay_system"
+    )
+
+
 def delay_system(
     controller: Controller, vehicle: LateralVehicle, actuator: ActuatorSpec | None = None
 ) -> DelaySystem:
     """Return the loop of a linear controller.
 
     Raises:
-        ArgumentError: The controller is not linear (it has no `to_delay_system`).
+        ArgumentError: The controller is not linear (it has no `to_delay_system`), or is a sampled
+            law.
     """
+    if is_sampled_only(controller):
+        raise ArgumentError(
+            f"controller {type(controller).__name__} is a sampled law and has no continuous loop; "
+            "ask critical-delay or roots with --method exact, or certify with --control-period"
+        )
     convert = getattr(controller, "to_delay_system", None)
     if convert is None:
         raise ArgumentError(
@@ -101,13 +120,13 @@ def critical_delay_answer(
         else sampled_critical_delay(system, exact, period, progress),
         "control_period_s": period,
         "frequency_hz": None if first is None else first.frequency_hz,
-        "mode": None if first is None else _name(vehicle, first.mode),
+        "mode": None if first is None else shown_name(vehicle, first.mode),
         "crossings": [
             {
                 "delay_s": c.delay,
                 "frequency_hz": c.frequency_hz,
                 "direction": _DIRECTIONS[c.direction],
-                "mode": _name(vehicle, c.mode),
+                "mode": shown_name(vehicle, c.mode),
                 "unstable_roots_after": int(after[index]),
             }
             for index, c in enumerate(result.crossings)
@@ -148,7 +167,7 @@ def root_answers(modes: list[Mode], vehicle: LateralVehicle | None) -> list[dict
             "frequency_hz": mode.frequency_hz,
             "damped_frequency_hz": mode.damped_frequency_hz,
             "damping_ratio": mode.damping_ratio,
-            "mode": _name(vehicle, mode),
+            "mode": shown_name(vehicle, mode),
         }
         for mode in modes
     ]
@@ -194,7 +213,7 @@ def root_locus(system: DelaySystem, vehicle: LateralVehicle) -> dict[str, Any]:
         if rightmost.root.real > LOCUS_DEPTH:
             modes.append(
                 {
-                    "name": _name(vehicle, rightmost),
+                    "name": shown_name(vehicle, rightmost),
                     "re": [None if m is None else m.root.real for m in branch],
                     "im": [None if m is None else m.root.imag for m in branch],
                 }
@@ -202,5 +221,9 @@ def root_locus(system: DelaySystem, vehicle: LateralVehicle) -> dict[str, Any]:
     return {"delay_s": delays, "modes": modes}
 
 
-def _name(vehicle: LateralVehicle | None, mode: Mode) -> str | None:
-    return None if vehicle is None else mode_name(vehicle, mode.root, mode.shape)
+def shown_name(vehicle: LateralVehicle | None, mode: Mode) -> str | None:
+    """Return a mode's name; a loop that is no vehicle's has modes without one."""
+    if vehicle is None:
+        return None
+    # A mode in which the vehicle does not move has no name of a vehicle's mode.
+    return mode_name(vehicle, mode.root, mode.shape) if mode.shape.any() else "of the law"

@@ -59,6 +59,18 @@ class Group:
         return None if value is None else 1000.0 * value
 
     @property
+    def windows_text(self) -> str | None:
+        """Delays at which a sampled law is stable, in words; None of any other law."""
+        if self.stability.get("method") != "sampled":
+            return None
+        windows = self.stability.get("stable_windows_s", [])
+        longest = f"searched to {1000 * self.stability.get('max_delay_s', 0.0):.0f} ms"
+        if not windows:
+            return f"stable at no delay ({longest})"
+        parts = [f"{1000 * low:.0f} to {1000 * high:.0f} ms" for low, high in windows]
+        return f"stable from {' and '.join(parts)} ({longest})"
+
+    @property
     def unstable_at_once(self) -> bool:
         """Whether the loop is unstable without any delay."""
         known = bool(self.stability.get("unstable_roots_without_delay"))

@@ -11,6 +11,7 @@ from railenv.stability.critical_delay import critical_delays
 from railenv.stability.crossings import CriticalDelays, Crossing, estimated_critical_delays
 from railenv.stability.delay_system import DelaySystem, as_delay_system
 from railenv.stability.enclosed_roots import EnclosedRoot, EnclosedRoots, enclosed_roots
+from railenv.stability.lifted_roots import lifted_roots, unstable_at
 from railenv.stability.modes import Mode, follow, modal_assurance
 from railenv.stability.pade import pade_critical_delays, pade_matrix, pade_roots, required_order
 from railenv.stability.proof.jitter import largest_jitter
@@ -21,6 +22,7 @@ from railenv.stability.sampled import (
     sampled_roots,
 )
 from railenv.stability.sampled_loop import SampledLoop
+from railenv.stability.sampled_windows import SampledCrossing, SampledWindows, sampled_windows
 from railenv.stability.spectrum import count_unstable, rightmost_roots
 from railenv.stability.uncertain import UncertainDelaySystem
 
@@ -33,7 +35,9 @@ __all__ = [
     "EnclosedRoots",
     "Mode",
     "SampledCriticalDelay",
+    "SampledCrossing",
     "SampledLoop",
+    "SampledWindows",
     "UncertainDelaySystem",
     "as_delay_system",
     "certify",
@@ -43,6 +47,7 @@ __all__ = [
     "estimated_critical_delays",
     "follow",
     "largest_jitter",
+    "lifted_roots",
     "modal_assurance",
     "pade_critical_delays",
     "pade_matrix",
@@ -53,4 +58,6 @@ __all__ = [
     "sampled_critical_delay",
     "sampled_growth_rate",
     "sampled_roots",
+    "sampled_windows",
+    "unstable_at",
 ]
