@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from baselines import (
+    clipped_lqg,
     groundhook,
     lead,
     lqg,
@@ -52,6 +53,7 @@ _REGISTRY: dict[str, Registered] = {
         predictor.PREDICTOR,
         semi_active.SEMIACTIVE_ONOFF,
         semi_active.SEMIACTIVE_SKYHOOK,
+        clipped_lqg.CLIPPED_LQG,
         optimum.OPTIMUM,
     )
 }

@@ -10,6 +10,7 @@ The answer includes the controller's sampling. It is a bracket, called an estima
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,8 @@ def simulated_critical_delay(
     Args:
         controller: The controller.
         vehicle: The vehicle.
-        stepping: Steps, limits and lag.
+        stepping: Steps, limits and lag; noise of the sensors is left out, as with it nothing decays
+            to zero.
         max_delay: Longest delay searched [s].
         track: Irregularity that excites.
         seed: Seed of the irregularity, and given to the controller.
@@ -66,7 +68,7 @@ def simulated_critical_delay(
         ControllerError: The controller broke the protocol.
         ArgumentError: A setting is out of range.
     """
-    steps = Stepping() if stepping is None else stepping
+    steps = replace(stepping or Stepping(), sensor_noise=0.0)
     longest = check_positive("max_delay", max_delay, "seconds")
     check_positive("resolution", resolution, "seconds")
     if longest > MOST_COARSE * COARSE_STEP:

@@ -1,5 +1,6 @@
 """Runs a controller on a batch of vehicles and records what the metrics need."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -66,6 +67,10 @@ class ControlledBatch:
         record: Outputs or states to record at every time step.
         stepping: Steps, limits and lag.
 
+    Raises:
+        ArgumentError: The controller has a control period of its own and it is another one.
+        ControllerError: What the controller says of itself cannot be used.
+
     Attributes:
         blown_up: Lanes whose state left every bound or whose vehicle derailed; they stand still and
             record NaN from there.
@@ -83,6 +88,7 @@ class ControlledBatch:
         self.vehicle = vehicle
         self.record = record
         self.stepping = stepping
+        self._check_period()
         measured = self._call("measures", lambda: measured_by(controller, vehicle.layout))
         outputs = tuple(dict.fromkeys((*measured, *record)))
         self.simulation = simulation_of(
@@ -97,11 +103,10 @@ class ControlledBatch:
         self._observer = Observer(measured, vehicle.num_actuators, length)
         self._measured = [outputs.index(name) for name in measured]
         self._recorded = [outputs.index(name) for name in record]
+        scale = getattr(controller, "action_scale", DEFAULT_ACTION_SCALE)
+        unit = "N" if getattr(controller, "damper", None) is None else "N s/m"
         self._scale: float = self._call(
-            "action_scale",
-            lambda: check_positive(
-                "action_scale", getattr(controller, "action_scale", DEFAULT_ACTION_SCALE), "N"
-            ),
+            "action_scale", lambda: check_positive("action_scale", scale, unit)
         )
         self.blown_up: NDArray[np.bool_] = np.zeros(1, dtype=bool)
         self.silent: NDArray[np.bool_] | None = None
@@ -174,6 +179,20 @@ class ControlledBatch:
             outputs[self.blown_up] = np.nan
         self._now = np.nan_to_num(outputs[:, -1, self._measured])
         return outputs[:, :, self._recorded]
+
+    def _check_period(self) -> None:
+        """Raise `ArgumentError` if the controller is made for another control period."""
+        said, run = getattr(self.controller, "control_period", None), self.stepping.control_period
+        if said is None:
+            return
+        own: float = self._call(
+            "control_period", lambda: check_positive("control_period", said, "seconds")
+        )
+        if not math.isclose(own, run, rel_tol=1e-9):
+            raise ArgumentError(
+                f"control_period = {run:g} s, but the controller is made for control_period = "
+                f"{own:g} s; run it with that one, or make it with control_period = {run:g}"
+            )
 
     def _call(self, what: str, function: Callable[[], Any]) -> Any:
         with users_own_code(f"the controller's {what}"):

@@ -3,6 +3,9 @@
 Frames follow real time: at 25 frames per second a control period of 10 ms is shown every fourth
 time. The encoder (`imageio-ffmpeg`, brought by `pip install "railenv[render]"`) writes beside the
 film's own name, which it takes only when the film is whole.
+
+Commands are drawn as forces. Those to semi-active dampers are coefficients: in their place stands
+the force that each would give at the stroke rate of the instant shown.
 """
 
 import importlib
@@ -17,13 +20,15 @@ import numpy as np
 from scipy.signal import sosfilt
 
 from eval.rollout import ControlledBatch, Stepping
-from eval.simulations import Vehicle, lateral_twin
+from eval.simulations import SemiActiveRuns, Vehicle, lateral_twin
 from railenv.errors import ArgumentError, OutputError
 from railenv.files import replacing
 from railenv.metrics.ride_filter import ride_filter, ride_index_from_mean_square
 from railenv.rendering import View, draw_frame
 from railenv.track import Track
 from railenv.units import FloatArray
+from railenv.vehicle import state_space
+from railenv.vehicle.coordinates import actuator_positions
 
 FRAMES_PER_SECOND = 25
 SIZE = (640, 480)
@@ -103,12 +108,12 @@ class Film:
             layout=vehicle.layout,
             coordinates=np.nan_to_num(batch.simulation.lateral[0]),
             force=self._newest[forces],
-            command=batch.commands[0].copy(),
+            command=self._forces(batch, batch.commands[:1])[0],
             force_limit=self._force_limit,
             delay=self._delays.copy(),
             max_delay=self._max_delay,
             pipe_age=self._control_period * np.arange(1.0, len(self._sent) + 1.0),
-            pipe_command=self._sent.copy(),
+            pipe_command=self._forces(batch, self._sent),
             track_distance=_AROUND.copy(),
             track_alignment=self._track.sample("alignment", places),
             track_cross_level=self._track.sample("cross_level", places),
@@ -121,6 +126,19 @@ class Film:
             ended_by="",
             parameters=lateral_twin(vehicle).parameters,
         )
+
+    def _forces(self, batch: ControlledBatch, commands: FloatArray) -> FloatArray:
+        """Return commands as forces, a new array, (rows, channels) [N]; see above of dampers."""
+        simulation = batch.simulation
+        if not isinstance(simulation, SemiActiveRuns):
+            return commands.copy()
+        names = tuple(
+            f"suspension_stroke_rate_{k}" for k in actuator_positions(self._vehicle.layout)
+        )
+        rows, _ = state_space(simulation.vehicle).output_rows(names)
+        force = -simulation.damper.limited(commands) * (rows @ simulation.state[0])
+        limit = self._force_limit
+        return force if limit is None else np.clip(force, -limit, limit)
 
 
 @contextmanager

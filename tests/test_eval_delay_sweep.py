@@ -4,6 +4,7 @@ import pytest
 
 from baselines import SkyHook, Zero
 from eval.delay_sweep import simulated_critical_delay
+from eval.rollout import Stepping
 from railenv.stability import critical_delays, sampled_critical_delay
 from railenv.vehicle import LateralVehicle, lateral17
 
@@ -47,3 +48,10 @@ def test_a_controller_that_never_pushes_has_no_critical_delay() -> None:
     answer = simulated_critical_delay(Zero(2), lateral17(layout=2), max_delay=0.05)
     assert answer["critical_delay_sampled_s"] is None
     assert answer["crossings"] == []
+
+
+def test_noise_of_the_sensors_is_left_out_of_the_question() -> None:
+    noisy, vehicle = Stepping(sensor_noise=50.0), lateral17(layout=2)
+    # With noise in the readings the motion never tends to zero, whatever the delay.
+    answer = simulated_critical_delay(SkyHook(20e3, 2), vehicle, stepping=noisy, max_delay=0.02)
+    assert answer["critical_delay_sampled_s"] is None

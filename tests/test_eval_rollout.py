@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from baselines import Passive, SkyHook
+from baselines.linear_dynamic import LinearDynamic
 from eval.measures import measure
-from eval.rollout import rollout
-from railenv.errors import ControllerError
+from eval.rollout import Stepping, rollout
+from railenv.actuation import SemiActiveDamper
+from railenv.envs.observation import sensor_names
+from railenv.errors import ArgumentError, ControllerError
 from railenv.simulation import required_length, wheelset_inputs
 from railenv.track import make_track
 from railenv.vehicle import LateralVehicle, lateral17
@@ -116,3 +119,30 @@ def test_what_a_controller_prints_does_not_mix_with_results(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err == "reset\nact\nact\n"
+
+
+def test_a_controller_made_for_another_control_period_is_not_run(vehicle: LateralVehicle) -> None:
+    law = SkyHook(35e3, 4).gain
+    made = LinearDynamic(
+        (np.zeros((0, 0)), np.zeros((0, 4)), np.zeros((4, 0)), law[:, :4]),
+        sensor_names("4")[:4],
+        4,
+        control_period=0.02,
+    )
+    assert made.control_period == 0.02
+    with pytest.raises(ArgumentError, match=r"= 0\.01 s, .* control_period = 0\.02 s; run it"):
+        rollout(made, vehicle, np.zeros((1, 4)), 0.1)
+    # three tenths of a tenth are not 0.03 to the last bit
+    made.control_period = 0.1 * 0.1 * 3.0
+    rollout(made, vehicle, np.zeros((1, 4)), 0.3, stepping=Stepping(control_period=0.03))
+
+
+@pytest.mark.parametrize(("damper", "unit"), [(None, "in N$"), (SemiActiveDamper(), "in N s/m$")])
+def test_the_scale_of_an_action_is_a_force_or_a_coefficient(
+    vehicle: LateralVehicle, damper: SemiActiveDamper | None, unit: str
+) -> None:
+    controller = SkyHook(35e3, 4)
+    controller.action_scale = -1.0
+    controller.damper = damper  # type: ignore[attr-defined]
+    with pytest.raises(ControllerError, match=unit):
+        rollout(controller, vehicle, np.zeros((1, 4)), 0.1)

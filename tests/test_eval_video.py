@@ -9,10 +9,13 @@ import pytest
 
 import railenv  # noqa: F401  (registers the ids)
 from baselines import SkyHook
+from baselines.semi_active import OnOffSkyHook
 from eval.cli import main
-from eval.rollout import Stepping, rollout
+from eval.rollout import ACCELERATIONS, ControlledBatch, Stepping, force_names, rollout
 from eval.video import FRAMES_PER_SECOND, Film
+from railenv.actuation import SemiActiveDamper
 from railenv.errors import ArgumentError
+from railenv.rendering import View
 from railenv.simulation import required_length, wheelset_inputs
 from railenv.track import make_track
 from railenv.vehicle import lateral17
@@ -133,6 +136,42 @@ def test_the_ride_index_in_the_last_frame_is_that_of_the_filter_over_the_whole_r
     floor = run.values[0, :, :2].T
     square = np.square(sosfilt(ride_filter(200.0), floor, axis=-1)).mean(axis=1)
     np.testing.assert_allclose(shown[-1], ride_index_from_mean_square(square), rtol=1e-9)
+
+
+def test_coefficients_of_dampers_are_drawn_as_the_forces_they_would_give() -> None:
+    vehicle, delays = lateral17(), np.full(4, 0.02)
+    track = make_track("tb3352", required_length(vehicle, 2.0), 0)
+    film = Film(vehicle, track, delays, Stepping(), lambda frame: None)
+    shown: list[View] = []
+    view = film._view
+
+    def spy(batch: ControlledBatch, time: float) -> View:
+        shown.append(view(batch, time))
+        return shown[-1]
+
+    film._view = spy  # type: ignore[method-assign]
+    rates = tuple(f"suspension_stroke_rate_{k}" for k in (1, 2, 3, 4))
+    run = rollout(
+        OnOffSkyHook(SemiActiveDamper(5e3, 15e3, 0.0)),
+        vehicle,
+        delays[None],
+        2.0,
+        tracks=(track,),
+        record=(*ACCELERATIONS, *force_names(vehicle), *rates),
+        watch=film.watch,
+    )
+    # Pictures after the first and every fourth period of two records each.
+    rate = run.values[0, 2 * np.array([1, *range(4, 201, 4)]) - 1, 8:]
+    newest = np.array([picture.command for picture in shown])
+    pipe = np.array([picture.pipe_command for picture in shown])
+    force = np.array([picture.force for picture in shown])
+    assert len(newest) == len(rate)
+    soft, stiff = np.isclose(newest, -5e3 * rate), np.isclose(newest, -15e3 * rate)
+    assert np.all(soft | stiff)
+    assert soft.any()
+    assert stiff.any()
+    # The delay is two periods: the third newest command acts at the end of a period.
+    np.testing.assert_allclose(pipe[1:, 2], force[1:], rtol=1e-9)
 
 
 def test_a_vehicle_without_actuators_makes_no_film() -> None:
