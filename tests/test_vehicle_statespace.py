@@ -67,6 +67,8 @@ def expected_outputs(
         y[f"carbody_{motion}_acceleration"] = rate[f"carbody_{motion}_velocity"]
     for w in (1, 2, 3, 4):
         y[f"wheelset{w}_rail_offset"] = x[f"wheelset{w}_lateral"] - u[f"alignment_{w}"]
+        for met in (f"alignment_{w}", f"track_roll_{w}"):
+            y[met] = u[met]
     return y
 
 
