@@ -39,6 +39,7 @@ LAWS: tuple[tuple[str, str], ...] = (
     ("LQR, full state", "lqr"),
     ("LQG", "lqg"),
     ("H-infinity (told)", "hinf:delay={delay}"),
+    ("H-infinity loop shaping (told)", "hinf-shaping:delay={delay}"),
     ("Smith predictor (told)", "smith:delay={delay}"),
     ("predictor sky-hook (told)", "predictor:delay={delay}"),
     ("LQG with delay, sharp (told)", "lqg-delay:delay={delay}"),
