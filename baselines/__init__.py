@@ -1,19 +1,50 @@
-"""Controllers: the protocol, the reference laws, and making one by name."""
+"""Controllers: the protocol, one law per file, and making one by name."""
 
+from baselines.clipped_lqg import ClippedLqg
 from baselines.controller import Controller, LinearFeedback
+from baselines.groundhook import GroundHook
+from baselines.hinfinity import HInfinity
+from baselines.hinfinity_shaping import HInfinityShaping
+from baselines.lead import SkyHookLead
 from baselines.linear_dynamic import LinearDynamic
 from baselines.linearise import linearise
+from baselines.lqg import DelayLqg, Lqg
+from baselines.lqr import LinearQuadraticRegulator
+from baselines.mixedhook import MixedHook
+from baselines.optimum import FullInformation
 from baselines.passive import Passive, Zero
+from baselines.pid import ModalPid
 from baselines.policy_file import load_policy, save_policy
+from baselines.predictor import PredictorSkyHook
 from baselines.registry import make_controller, registered_controllers
-from baselines.skyhook import SkyHook
+from baselines.relative import RelativeDamping
+from baselines.semi_active import OnOffSkyHook, SemiActiveSkyHook
+from baselines.skyhook import SkyHook, SkyHookAccelerometer
+from baselines.smith import SmithSkyHook
 
 __all__ = [
+    "ClippedLqg",
     "Controller",
+    "DelayLqg",
+    "FullInformation",
+    "GroundHook",
+    "HInfinity",
+    "HInfinityShaping",
     "LinearDynamic",
     "LinearFeedback",
+    "LinearQuadraticRegulator",
+    "Lqg",
+    "MixedHook",
+    "ModalPid",
+    "OnOffSkyHook",
     "Passive",
+    "PredictorSkyHook",
+    "RelativeDamping",
+    "SemiActiveSkyHook",
     "SkyHook",
+    "SkyHookAccelerometer",
+    "SkyHookLead",
+    "SmithSkyHook",
     "Zero",
     "linearise",
     "load_policy",

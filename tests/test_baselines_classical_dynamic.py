@@ -56,6 +56,7 @@ class TestAccelerometer:
         assert not SkyHookAccelerometer().to_delay_system(vehicle).neutral
 
     @pytest.mark.parametrize("highpass_hz", [0.05, 0.1])
+    @pytest.mark.slow
     def test_the_high_pass_leads_and_so_adds_its_phase_to_the_critical_delay(
         self, vehicle: LateralVehicle, highpass_hz: float
     ) -> None:

@@ -173,6 +173,7 @@ def test_without_a_bound_on_the_level_the_controller_is_lqg(reduced: Generalised
     np.testing.assert_allclose(found.A, A, atol=1e-6 * np.abs(A).max())
 
 
+@pytest.mark.slow
 def test_the_loop_with_the_whole_plant_stays_below_the_level(law: HInfinity) -> None:
     loop = law.central.around(law.design.plant)
     size = norm_by_hamiltonian(loop)

@@ -75,6 +75,7 @@ class TestLqr:
             smallest.append(np.linalg.svd(factor, compute_uv=False)[-1])
         assert bound * (1.0 - 1e-6) <= min(smallest) < 0.9
 
+    @pytest.mark.slow
     def test_the_cheaper_its_force_the_less_delay_it_stands(self, vehicle: LateralVehicle) -> None:
         found = [
             critical_delays(
@@ -118,6 +119,7 @@ class TestWrongDelay:
         assert growth(law, vehicle, delay - 0.01) > 0.0
         assert growth(law, vehicle, delay + 0.01) > 0.0
 
+    @pytest.mark.slow
     def test_the_detuned_design_stands_fifty(
         self, vehicle: LateralVehicle, delay: float, preview: bool
     ) -> None:
@@ -125,6 +127,7 @@ class TestWrongDelay:
         for error in (-0.05, -0.02, -0.01, 0.0, 0.01, 0.02, 0.05):
             assert growth(law, vehicle, delay + error) < 0.0
 
+    @pytest.mark.slow
     def test_the_sharp_design_is_the_better_one_at_its_own_delay(
         self, vehicle: LateralVehicle, delay: float, preview: bool
     ) -> None:

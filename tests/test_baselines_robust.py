@@ -223,6 +223,7 @@ def slowest(law: LinearFeedback, vehicle: LateralVehicle, delays: tuple[float, .
     return max(rightmost_roots(loop, tau, 1)[0].root.real for tau in delays)
 
 
+@pytest.mark.slow
 def test_the_slowest_root_decays_three_times_as_fast_as_under_any_sky_hook(
     vehicle: LateralVehicle, fastest: RobustDesign
 ) -> None:
@@ -234,6 +235,7 @@ def test_the_slowest_root_decays_three_times_as_fast_as_under_any_sky_hook(
     assert found < 3.0 * best < 0.0
 
 
+@pytest.mark.slow
 def test_no_small_change_of_the_gains_makes_the_slowest_root_faster(
     vehicle: LateralVehicle, fastest: RobustDesign
 ) -> None:
@@ -247,6 +249,7 @@ def test_no_small_change_of_the_gains_makes_the_slowest_root_faster(
         assert worst > fastest.abscissa[1] - 2e-4
 
 
+@pytest.mark.slow
 def test_the_critical_delay_is_longer_than_that_of_any_sky_hook_that_rides_as_well(
     vehicle: LateralVehicle, longest: RobustDesign
 ) -> None:
@@ -271,6 +274,7 @@ def test_the_critical_delay_is_longer_than_that_of_any_sky_hook_that_rides_as_we
         assert own < 0.66 * longest.critical_delay[1]
 
 
+@pytest.mark.slow
 def test_the_decay_that_was_asked_for_is_there(
     vehicle: LateralVehicle, longest: RobustDesign
 ) -> None:
@@ -289,6 +293,7 @@ def test_a_tighter_bound_on_the_ride_index_is_kept_and_costs_delay(
     assert tight.critical_delay[1] < longest.critical_delay[1]
 
 
+@pytest.mark.slow
 def test_the_same_question_has_the_same_answer_to_the_bit(vehicle: LateralVehicle) -> None:
     first, second = (minimise_abscissa(vehicle, (0.1,)) for _ in range(2))
     np.testing.assert_array_equal(first.controller.gain, second.controller.gain)
@@ -307,6 +312,7 @@ def built(entry: Registered, vehicle: LateralVehicle, **settings: float) -> Line
     return law
 
 
+@pytest.mark.slow
 def test_the_entries_build_what_the_searches_find(
     vehicle: LateralVehicle, fastest: RobustDesign, longest: RobustDesign
 ) -> None:
@@ -328,6 +334,7 @@ def test_the_entries_build_stable_laws_at_every_speed(layout: int, speed: float)
         assert slowest(law, vehicle, (0.0, 0.1, 0.2)) < -0.245
 
 
+@pytest.mark.slow
 def test_a_law_can_be_designed_for_another_speed_than_it_runs_at(vehicle: LateralVehicle) -> None:
     law = built(ROBUST_ABSCISSA, vehicle, design_kmh=200.0, delay=0.1)
     own = built(ROBUST_ABSCISSA, lateral17("paper_fit", 4, 200.0), delay=0.1)

@@ -138,6 +138,7 @@ def test_what_does_nothing_leaves_the_vehicle_as_it_is(controller: LinearFeedbac
     assert loop.growth_rate(0.0) == pytest.approx(rightmost, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_filter_is_proved_on_both_sides_of_its_critical_delay(vehicle: LateralVehicle) -> None:
     loop = dynamic(1.0).to_sampled_loop(vehicle, PERIOD)
     assert certify(loop, 0.0).verdict == "STABLE"

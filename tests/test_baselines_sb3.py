@@ -356,6 +356,7 @@ def test_no_pictures_without_their_mode() -> None:
         make_vec_env(1, **SHORT).get_images()
 
 
+@pytest.mark.slow
 def test_ppo_learns_and_reads_returns_and_lengths() -> None:
     adapter = make_vec_env(4, **SHORT)
     model = PPO("MlpPolicy", adapter, n_steps=25, batch_size=50, n_epochs=1, seed=0, device="cpu")

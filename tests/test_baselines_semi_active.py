@@ -206,6 +206,7 @@ def test_a_semi_active_loop_is_not_called_unstable_for_its_large_commands(
 
 
 @pytest.mark.parametrize(("coefficient", "stable"), [(15e3, False), (30e3, True)])
+@pytest.mark.slow
 def test_the_probe_tells_dampers_that_hold_the_hunting_from_those_that_do_not(
     coefficient: float, stable: bool
 ) -> None:

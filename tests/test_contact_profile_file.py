@@ -68,6 +68,7 @@ def test_smoothing_takes_most_of_the_noise_away(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " , "])
+@pytest.mark.slow
 def test_separators_comments_direction_and_unit_make_no_difference(
     separator: str, tmp_path
 ) -> None:

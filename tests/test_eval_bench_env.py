@@ -120,6 +120,7 @@ def test_every_part_of_the_section_is_measured(measured: list[Row]) -> None:
     )
 
 
+@pytest.mark.slow
 def test_every_rate_has_its_windows_in_order(measured: list[Row]) -> None:
     for row in measured:
         if "median_per_s" in row:
@@ -127,6 +128,7 @@ def test_every_rate_has_its_windows_in_order(measured: list[Row]) -> None:
             assert 0.0 < row["lowest_per_s"] <= row["median_per_s"] <= row["highest_per_s"]
 
 
+@pytest.mark.slow
 def test_ratios_are_ours_over_the_row(measured: list[Row]) -> None:
     best = max(of(measured, bench_env.ALL_CORES), key=lambda row: row["median_per_s"])
     by_lanes = {row["lanes"]: row for row in of(measured, bench_env.ALL_CORES)}
@@ -138,6 +140,7 @@ def test_ratios_are_ours_over_the_row(measured: list[Row]) -> None:
     assert cartpole["ours_over_this"] == single["median_per_s"] / cartpole["median_per_s"]
 
 
+@pytest.mark.slow
 def test_missing_peers_are_said_with_the_way_to_get_them(measured: list[Row]) -> None:
     missing = [row for row in measured if "missing" in row]
     assert len(missing) == 6
@@ -188,6 +191,7 @@ def test_steps_that_only_reset_are_not_counted(changes: dict[str, Any], expected
     assert taken == expected + 4
 
 
+@pytest.mark.slow
 def test_the_table_is_aligned_and_narrow(measured: list[Row]) -> None:
     lines = env_table(measured)
     assert max(map(len, lines)) <= bench.WIDTH

@@ -220,6 +220,7 @@ def oscillator(damping: float, gain: float) -> DelaySystem:
         ([-0.5, 0.6, 3.0], [0.1, 1.0, 2.0]),  # every region
     ],
 )
+@pytest.mark.slow
 def test_a_chart_of_any_shape_is_drawn(
     tmp_path: Path, dampings: list[float], gains: list[float]
 ) -> None:

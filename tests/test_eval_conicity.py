@@ -107,6 +107,7 @@ def test_a_motion_that_does_not_exist_is_a_null_and_a_dash(capsys) -> None:
 
 
 @pytest.mark.parametrize(("ending", "start"), [(".png", b"\x89PNG\r\n\x1a\n"), (".svg", b"<?xml")])
+@pytest.mark.slow
 def test_the_picture_is_written(ending: str, start: bytes, capsys, tmp_path: Path) -> None:
     path = tmp_path / f"picture{ending}"
     status, out, err = run(capsys, "s1002", "60e1", *EUROPE, "--plot", str(path))
@@ -115,6 +116,7 @@ def test_the_picture_is_written(ending: str, start: bytes, capsys, tmp_path: Pat
     assert f"written: {path}" in out
 
 
+@pytest.mark.slow
 def test_a_picture_is_drawn_of_a_cylinder_too(capsys, tmp_path: Path) -> None:
     path = tmp_path / "picture.png"
     wheel = ("cone:angle=0", "arc:radius=0.3", "--amplitudes", "2", "--plot", str(path))

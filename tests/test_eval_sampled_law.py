@@ -126,6 +126,7 @@ def test_unless_typed_the_search_ends_at_the_shorter_default_and_says_so(
     assert "sampled laws 0.6" in run(capsys, "critical-delay", "--help")[1]
 
 
+@pytest.mark.slow
 def test_the_proofs_are_one_in_every_window_and_gap(capsys, path: str) -> None:
     found = answer(capsys, "critical-delay", path, "--max-delay", "0.07", "--prove-sampled")
     ends = [0.0, *WINDOWS.stable_windows[0], 0.07]
@@ -157,6 +158,7 @@ def test_roots_take_one_delay_per_channel(capsys, path: str) -> None:
 @pytest.mark.parametrize(
     ("delay", "status", "verdict"), [("0.05", 0, "STABLE"), ("0", 3, "UNSTABLE")]
 )
+@pytest.mark.slow
 def test_a_verdict_is_proved_with_the_hold(
     capsys, path: str, delay: str, status: int, verdict: str
 ) -> None:

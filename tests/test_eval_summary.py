@@ -194,6 +194,7 @@ def test_unstable_roots_after_a_crossing_are_those_just_beyond_it(found, loop, i
 
 
 @pytest.mark.parametrize("index", range(6))
+@pytest.mark.slow
 def test_a_direction_says_where_the_roots_go(found, loop, index: int) -> None:
     crossing = found["crossings"][index]
     delay = crossing["delay_s"]

@@ -282,6 +282,7 @@ def check(result: dict[str, Following], pearson: float, spearman: float) -> None
 # and 0.9957 for 200 with replacement, rounded down.
 
 
+@pytest.mark.slow
 def test_mean_square_follows_the_ride_index_on_thirty_random_runs():
     check(compare(range(10), lanes=3), pearson=0.995, spearman=0.98)
 

@@ -263,6 +263,7 @@ def test_a_box_of_two_delays_is_stable_up_to_near_the_diagonals_crossing() -> No
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.slow
 def test_verdicts_on_boxes_agree_with_the_spectrum_inside(seed: int) -> None:
     rng = np.random.default_rng(seed)
     a, b, c = rng.uniform(0.2, 1.5, 3)
@@ -351,6 +352,7 @@ def test_a_delay_in_a_wrong_form_is_refused_by_name(delay: object, message: str)
 # --- degenerate loops
 
 
+@pytest.mark.slow
 def test_an_interval_with_a_touch_is_undecided_with_a_reason() -> None:
     answer = certify(oscillator(4.0, 0.5, 0.5), (0.0, 3.0))
     assert answer.verdict == UNDECIDED

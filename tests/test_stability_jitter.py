@@ -360,6 +360,7 @@ def parts() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.slow
 def test_planted_faults_are_rejected_with_their_reason(parts: dict[str, Any], fault: str) -> None:
     change, message = FAULTS[fault]
     changed = copy.deepcopy(parts)

@@ -185,6 +185,7 @@ def test_qpmr_has_the_same_roots_of_small_loops(name: str, delay: float) -> None
 
 
 @pytest.mark.parametrize("seed", [k for k in range(24) if k != 2])
+@pytest.mark.slow
 def test_qpmr_has_the_same_roots_of_random_loops(seed: int) -> None:
     system, rng = random_system(seed)
     delay = float(rng.uniform(0.05, 1.5))
@@ -241,6 +242,7 @@ def test_yaltapy_has_the_same_crossings_and_windows_of_small_loops(name: str) ->
 
 
 @pytest.mark.parametrize("seed", range(12))
+@pytest.mark.slow
 def test_yaltapy_has_the_same_crossings_and_windows_of_random_loops(seed: int) -> None:
     # brentq stops at 1e-15 in the phase; small angles and flat crossings cost digits
     assert_same_staircase(random_system(seed)[0], 4.0, 1e-10)

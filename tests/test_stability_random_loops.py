@@ -304,6 +304,7 @@ def test_nothing_contradicts_a_proof_on_sixty_random_loops() -> None:
 @pytest.mark.parametrize(
     ("delay", "expected"), [(1.0, lambda r: r < 0), (2.0, lambda r: r > 0)], ids=["decay", "growth"]
 )
+@pytest.mark.slow
 def test_the_simulation_itself_grows_past_the_known_crossing(
     delay: float, expected: object
 ) -> None:

@@ -247,6 +247,7 @@ def test_complex_matrices_are_refused() -> None:
 
 
 @pytest.mark.parametrize("seed", range(30))
+@pytest.mark.slow
 def test_long_delays_of_fast_loops_are_counted_or_refused(seed: int) -> None:
     # omega tau up to some hundreds: dozens of unstable roots around the resonance, which a coarse
     # grid does not show and which no two coarse grids may agree away

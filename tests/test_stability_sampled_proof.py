@@ -412,6 +412,7 @@ def test_the_vehicle_is_proved_on_both_sides_of_its_critical_delay(loop: DelaySy
     assert recheck(sampled, proof) == []
 
 
+@pytest.mark.slow
 def test_the_vehicle_is_proved_stable_for_a_whole_period_of_delays(loop: DelaySystem) -> None:
     sampled = SampledLoop.from_delay_system(loop, 0.01)
     proof = prove_sampled(sampled, 0.1, 0.11)

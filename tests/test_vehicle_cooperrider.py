@@ -250,6 +250,7 @@ def test_a_shift_of_a_decimetre_ends_as_published(speed: float, hunts: bool) -> 
     assert result.hunting[0] == hunts
 
 
+@pytest.mark.slow
 def test_stability_is_lost_hard_and_ramp_and_shooting_find_one_fold() -> None:
     system = bogie()
     small, large = 1e-5 * np.eye(14)[0], 0.01 * np.eye(14)[0]
