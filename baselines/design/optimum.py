@@ -53,11 +53,10 @@ def regulator(model: DesignModel, effort: float) -> Regulator:
         effort: What E |u|^2 / (m F0^2) costs [(m/s^2)^2], above zero.
     """
     m, n = model.num_channels, len(model.A)
-    track = np.zeros(n, dtype=bool)
-    track[n - m - model.num_track : n - m] = True
-    own = ~track
-    A, B = model.A[np.ix_(own, own)], model.B[own]
-    across, F = model.A[np.ix_(own, track)], model.A[np.ix_(track, track)]
+    track = np.arange(n - m - model.num_track, n - m)
+    own = np.setdiff1d(np.arange(n), track)
+    A, B = model.A[own][:, own], model.B[own]
+    across, F = model.A[own][:, track], model.A[track][:, track]
     C, C_track, D = model.C[:, own], model.C[:, track], model.D
     weight = check_positive("effort", effort) / (m * DEFAULT_ACTION_SCALE**2)
     R = D.T @ D + weight * np.eye(m)
