@@ -10,6 +10,10 @@ that runs linearly from one sample to the next (first-order hold): poles stay wh
 designed, and the reading is used at once, so that no delay beyond the sampling itself is added;
 what remains differs from the continuous law by terms of order T^2. A zero-order hold on the reading
 would act T/2 later.
+
+In an unstable loop the actuators' limit bounds the vehicle and nothing bounds a law that is unstable
+by itself, as sharp estimators with a gain often are. A lane whose state would leave the range of
+numbers keeps the state it has: its commands have long been beyond every limit.
 """
 
 from typing import Any
@@ -30,6 +34,9 @@ from railenv.stability.loops import LinearSystem, linear_system
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle
 from railenv.vehicle.coordinates import Layout, actuator_positions, parse_layout
+
+_OUT_OF_RANGE = 1e100
+# Far above any meaning, and far enough below overflow for every product with a law's matrices.
 
 
 class LinearDynamic:
@@ -112,7 +119,11 @@ class LinearDynamic:
             )
         reading = np.ascontiguousarray(observations[:, self._columns].T, dtype=np.float64)
         if self._reading is not None:
-            self._state = self._step(np.vstack([self._state, self._reading, reading]))
+            following = self._step(np.vstack([self._state, self._reading, reading]))
+            kept = ~(np.abs(following).max(axis=0, initial=0.0) < _OUT_OF_RANGE)
+            if np.any(kept):
+                following[:, kept] = self._state[:, kept]
+            self._state = following
         self._reading = reading
         force = self._force(np.vstack([self._state, reading]))
         return -force.T / self.action_scale

@@ -385,3 +385,17 @@ class TestFile:
         found = json.loads(capsys.readouterr().out)
         assert found["critical_delay_s"] == pytest.approx(0.182, abs=0.003)
         assert found["mode"] == "upper centre roll"
+
+
+def test_a_law_that_is_unstable_by_itself_stays_finite_and_spares_its_neighbours() -> None:
+    growing = (np.eye(1) * 2.0, np.ones((1, 1)), np.ones((4, 1)), np.zeros((4, 1)))
+    law = LinearDynamic(growing, SENSORS[:1], 4, sampled=True)
+    readings = np.zeros((2, len(SENSORS)))
+    readings[0, 0] = 1.0
+    law.reset(2, 0)
+    for _ in range(2000):
+        actions = law.act(readings)
+    # 2^2000 is no double; the lane stopped where its command had left every limit behind.
+    assert np.all(np.isfinite(actions))
+    assert np.all(np.abs(actions[0]) > 1e90)
+    assert np.all(actions[1] == 0.0)
