@@ -11,9 +11,9 @@ designed, and the reading is used at once, so that no delay beyond the sampling 
 what remains differs from the continuous law by terms of order T^2. A zero-order hold on the reading
 would act T/2 later.
 
-In an unstable loop the actuators' limit bounds the vehicle and nothing bounds a law that is unstable
-by itself, as sharp estimators with a gain often are. A lane whose state would leave the range of
-numbers keeps the state it has: its commands have long been beyond every limit.
+In an unstable loop the actuators' limit bounds the vehicle, and nothing bounds a law that is
+unstable by itself, as sharp estimators with a gain often are. A lane whose state would leave the
+range of numbers keeps the state it has: its commands have long been beyond every limit.
 """
 
 from typing import Any
