@@ -30,6 +30,9 @@ from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, lateral17, state_space
 from railenv.vehicle.coordinates import Layout, actuator_positions, parse_layout
 
+LARGEST_NUMBER = 1e20
+"""Largest entry of a law's matrices; what is beyond overflows in products with the vehicle's."""
+
 
 @contextmanager
 def users_own_code(what: str) -> Generator[None, None, None]:
@@ -105,6 +108,16 @@ def measured_by(controller: object, layout: Layout) -> tuple[str, ...]:
     return tuple(names)
 
 
+def check_size(name: str, matrix: FloatArray) -> None:
+    """Raise `ArgumentError` if a law's matrix holds a number beyond `LARGEST_NUMBER`."""
+    largest = float(np.abs(matrix).max(initial=0.0))
+    if largest > LARGEST_NUMBER:
+        raise ArgumentError(
+            f"{name} holds {largest:.3g}, beyond what a law can mean; give {LARGEST_NUMBER:g} or "
+            "less in SI units"
+        )
+
+
 def check_layout(layout: Layout, vehicle: LateralVehicle) -> None:
     """Raise `ArgumentError` unless the vehicle has the controller's layout."""
     if vehicle.layout != layout:
@@ -175,6 +188,7 @@ class LinearFeedback:
             raise ArgumentError(
                 "gain holds a value that is not finite; every entry must be a number"
             )
+        check_size("gain", self.gain)
 
     def reset(self, num_lanes: int, seed: int) -> None:
         """Nothing to forget: the feedback is static."""

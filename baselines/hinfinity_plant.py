@@ -30,6 +30,9 @@ from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, state_space
 from railenv.vehicle.coordinates import WHEELSETS, bogie_of_wheelset
 
+LONGEST_DELAY = 1.0
+"""Longest delay that a law is designed for [s]."""
+
 FLOORS = ("floor_front_lateral_acceleration", "floor_rear_lateral_acceleration")
 
 STROKE_TIME = 0.3
@@ -102,7 +105,7 @@ def generalised_plant(
     Raises:
         ArgumentError: A value is out of its range, or the vehicle has no actuator.
     """
-    tau = check_not_negative("delay", delay, "seconds")
+    tau = check_padeable(delay)
     weight = check_positive("force_weight", force_weight, "m/s^2/N")
     density = check_positive("noise", noise, "m/s per square root of Hz")
     if not vehicle.num_actuators:
@@ -172,6 +175,20 @@ def ride_system() -> LinearSystem:
     A[0, 1] = A[1, 2] = 1.0
     A[2] = -under[:3] / under[3]
     return LinearSystem(A, np.array([[0.0], [0.0], [1.0]]), over[None] / under[3], np.zeros((1, 1)))
+
+
+def check_padeable(delay: float) -> float:
+    """Return a delay [s] that a Pade model of moderate order can stand for.
+
+    Raises:
+        ArgumentError: It is negative, not finite, or longer than `LONGEST_DELAY`.
+    """
+    tau = check_not_negative("delay", delay, "seconds")
+    if tau > LONGEST_DELAY:
+        raise ArgumentError(
+            f"delay = {tau:g} s is too long for a Pade model; give {LONGEST_DELAY:g} s or less"
+        )
+    return tau
 
 
 def delayed(plant: GeneralisedPlant, delay: float) -> GeneralisedPlant:

@@ -29,12 +29,12 @@ import math
 import numpy as np
 from scipy import linalg
 
-from baselines.hinfinity_plant import GeneralisedPlant, balanced, delayed
+from baselines.hinfinity_plant import GeneralisedPlant, balanced, check_padeable, delayed
 from baselines.linear_dynamic import LinearDynamic
 from baselines.modal_signals import modal_signals
 from baselines.registered import OF_THE_RUN, Registered, designed_for
 from railenv.envs.observation import DEFAULT_ACTION_SCALE
-from railenv.errors import ArgumentError, check_finite, check_not_negative, check_positive
+from railenv.errors import ArgumentError, check_finite, check_positive
 from railenv.simulation import DEFAULT_CONTROL_PERIOD
 from railenv.stability.loops import LinearSystem
 from railenv.units import FloatArray
@@ -122,7 +122,7 @@ class HInfinityShaping(LinearDynamic):
         action_scale: float = DEFAULT_ACTION_SCALE,
         control_period: float = DEFAULT_CONTROL_PERIOD,
     ) -> None:
-        tau = check_not_negative("delay", delay, "seconds")
+        tau = check_padeable(delay)
         low = check_positive("highpass_hz", highpass_hz, "Hz")
         high = check_positive("lowpass_hz", lowpass_hz, "Hz")
         if high <= low:

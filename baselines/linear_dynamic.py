@@ -22,7 +22,7 @@ import numpy as np
 from scipy import linalg
 
 from baselines import export
-from baselines.controller import check_layout, measured_columns, plant_seen
+from baselines.controller import check_layout, check_size, measured_columns, plant_seen
 from baselines.lane_matrix import LaneMatrix
 from railenv.actuation import ActuatorSpec
 from railenv.actuation.hold import ramped_input
@@ -79,6 +79,8 @@ class LinearDynamic:
                 f"law has shape {self.law.D.shape}; it must be {shape}: one output per actuator, "
                 "one input per sensor"
             )
+        for letter in "ABCD":
+            check_size(f"law.{letter}", getattr(self.law, letter))
         A, B = self.law.A, self.law.B
         self._state: FloatArray = np.zeros((len(A), 0))
         self._reading: FloatArray | None = None

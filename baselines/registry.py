@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from baselines import (
     clipped_lqg,
     groundhook,
@@ -33,8 +35,14 @@ from baselines import (
 from baselines.controller import Controller, users_own_code
 from baselines.policy_file import load_policy
 from baselines.registered import Registered
-from railenv.errors import ArgumentError, ControllerError, check_text, unknown_name
-from railenv.vehicle import lateral17
+from railenv.errors import (
+    ArgumentError,
+    ControllerError,
+    RailenvError,
+    check_text,
+    unknown_name,
+)
+from railenv.vehicle import LateralVehicle, lateral17
 from railenv.vehicle.coordinates import parse_layout
 
 _REGISTRY: dict[str, Registered] = {
@@ -114,7 +122,24 @@ def make_controller(
             raise unknown_name(f"setting of {name}", key, values)
         default, unit = entry.settings[key]
         values[key] = text if isinstance(default, str) else check_text(key, text, unit)
-    return entry.build(lateral17(vehicle, place, speed_kmh), **values)
+    return _built(spec, entry, lateral17(vehicle, place, speed_kmh), values)
+
+
+def _built(
+    spec: str, entry: Registered, vehicle: LateralVehicle, values: dict[str, float | str]
+) -> Controller:
+    """Make a registered controller; numbers that its design cannot compute with are an error."""
+    try:
+        # What overflows on the way is told by what comes out.
+        with np.errstate(all="ignore"):
+            return entry.build(vehicle, **values)
+    except RailenvError:
+        raise
+    except (np.linalg.LinAlgError, ArithmeticError, ValueError, MemoryError) as error:
+        raise ArgumentError(
+            f"controller {spec!r} cannot be designed ({type(error).__name__}: {error}); its "
+            "settings are beyond what can be computed with, move them towards the defaults"
+        ) from None
 
 
 def _from_module(rest: str, layout: str) -> Controller:

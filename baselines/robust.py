@@ -47,6 +47,8 @@ SIGNALS = ("velocity", "stroke")
 _SKY_HOOKS = np.geomspace(2e3, 60e3, 25)
 _SPREAD = 0.5
 _MOST_STEPS = 25
+# By how much comfort [1] and decay [1/s] may be missed at a jump.
+_INDEX_MISSED, _DECAY_MISSED = 0.01, 0.02
 # What a step must promise: 1e-4 1/s of decay, 0.001 of the ride index, 1 ms of delay.
 _DECAY_STEP, _INDEX_STEP, _DELAY_STEP = 1e-4, 1e-3, 1e-3
 # Between two results, a constraint that one of them misses weighs this much more.
@@ -116,11 +118,11 @@ def maximise_critical_delay(
 
     Returns:
         The law. Its `start` is the best sky-hook gain. The search ends up to 0.002 of the index
-        outside the bound where it meets a jump; a bound or a decay that cannot be had is missed by
-        as little as it found.
+        outside the bound where it meets a jump.
 
     Raises:
-        ArgumentError: A value is out of its range, or no sky-hook gain is stable at all delays.
+        ArgumentError: A value is out of its range, no sky-hook gain is stable at all delays, or
+            comfort or decay cannot be had.
     """
     taus = _checked(delays)
     if taus[-1] >= LONGEST:
@@ -174,7 +176,19 @@ def maximise_critical_delay(
     ]
     found = min(results, key=lambda result: result.merit + _DEAR * result.missed)
     evaluations = calm.evaluations + sum(result.evaluations for result in results)
-    return finished(family, start, found, evaluations, taus)
+    design = finished(family, start, found, evaluations, taus)
+    if not design.index[1] <= bound + _INDEX_MISSED:
+        raise ArgumentError(
+            f"comfort = {bound:g} cannot be had: the search came to {design.index[1]:.4g}; give "
+            "more, or leave it out"
+        )
+    slowest = max(value for value, _ in decays(found.point) or [(np.inf, start)])
+    if slowest > _DECAY_MISSED:
+        raise ArgumentError(
+            f"decay = {least:g} 1/s cannot be had beside that comfort: the search came to "
+            f"{least - slowest:.3g}; give less"
+        )
+    return design
 
 
 def _checked(delays: tuple[float, ...]) -> tuple[float, ...]:
@@ -212,6 +226,8 @@ def _best(
 def _spread(longest: float, number: int) -> tuple[float, ...]:
     """Return so many delays from zero to the longest; one if that is zero."""
     last = check_not_negative("delay", longest, "seconds")
+    if last >= LONGEST:
+        raise ArgumentError(f"delay = {last:g} s is too long; give less than {LONGEST:g} s")
     return tuple(float(tau) for tau in np.linspace(0.0, last, number)) if last else (0.0,)
 
 

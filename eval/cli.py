@@ -139,7 +139,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--seconds", default="20", help="length of the run [s] (20)")
     simulate.add_argument("--skip", help="time left out of the measures at the start [s] (5)")
     simulate.add_argument("--seed", default="0", help="seed of track and noise (0)")
-    simulate.add_argument("--sensor-noise", default="0", help="0.1: 10 % of usual readings (0)")
+    simulate.add_argument("--sensor-noise", default="0", help="0.1: a tenth of usual readings (0)")
     simulate.add_argument("--out", help="write the signals to this .npz file")
     simulate.add_argument("--plot", help="draw the run into this .png, .svg or .pdf file")
     simulate.add_argument("--video", help="film the run into this .mp4 file")

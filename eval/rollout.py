@@ -27,6 +27,7 @@ from railenv.simulation import (
 )
 from railenv.track import Track
 from railenv.units import FloatArray
+from railenv.vehicle import LateralVehicle
 from railenv.vehicle.coordinates import actuator_positions
 
 ACCELERATIONS = (
@@ -91,14 +92,23 @@ class ControlledBatch:
         self._check_period()
         measured = self._call("measures", lambda: measured_by(controller, vehicle.layout))
         outputs = tuple(dict.fromkeys((*measured, *record)))
-        self.simulation = simulation_of(
-            vehicle,
-            outputs,
-            actuator=stepping.actuator,
-            control_period=stepping.control_period,
-            time_step=stepping.time_step,
-            damper=getattr(controller, "damper", None),
-        )
+        try:
+            self.simulation = simulation_of(
+                vehicle,
+                outputs,
+                actuator=stepping.actuator,
+                control_period=stepping.control_period,
+                time_step=stepping.time_step,
+                damper=getattr(controller, "damper", None),
+            )
+        except ArgumentError as error:
+            told = [name for name in measured if repr(name) in str(error)]
+            if told and not isinstance(vehicle, LateralVehicle):
+                raise ArgumentError(
+                    f"the controller measures {told[0]!r}, a state of the linear vehicle that the "
+                    "nonlinear one does not have; use --model lateral17"
+                ) from None
+            raise
         length = pipe_length(stepping.max_delay, stepping.control_period)
         self._observer = Observer(measured, vehicle.num_actuators, length)
         self._measured = [outputs.index(name) for name in measured]

@@ -49,8 +49,8 @@ def sampled_loop(
     convert: Callable[..., Any] | None = getattr(controller, "to_sampled_loop", None)
     if convert is None:
         raise ArgumentError(
-            f"controller {type(controller).__name__} has no to_sampled_loop; "
-            "use --method simulation"
+            f"controller {type(controller).__name__} has no to_sampled_loop, and "
+            "the oracle cannot judge it; ask critical-delay with --method simulation"
         )
     spec = ActuatorSpec() if actuator is None else actuator
     given: tuple[Any, ...] = (vehicle, period, spec)

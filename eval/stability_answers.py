@@ -67,8 +67,8 @@ def delay_system(
     convert = getattr(controller, "to_delay_system", None)
     if convert is None:
         raise ArgumentError(
-            f"controller {type(controller).__name__} is not linear: it has no to_delay_system; "
-            "use --method simulation"
+            f"controller {type(controller).__name__} is not linear: it has no to_delay_system, and "
+            "the oracle cannot judge it; ask critical-delay with --method simulation"
         )
     try:
         with users_own_code("the controller's to_delay_system"):

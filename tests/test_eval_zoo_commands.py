@@ -13,7 +13,9 @@ from baselines import (
     registered_controllers,
     save_policy,
 )
+from eval.cli import _COMMANDS as COMMANDS
 from eval.cli import main
+from railenv.errors import ArgumentError
 
 NAMES = [entry.name for entry in registered_controllers()]
 SEMI_ACTIVE = {"semiactive-onoff", "semiactive-skyhook", "clipped-lqg"}
@@ -96,3 +98,53 @@ def test_every_law_is_judged_by_simulation(name: str, capsys: pytest.CaptureFixt
         assert found["critical_delay_sampled_s"] == pytest.approx(
             exact["critical_delay_sampled_s"], abs=5e-4
         )
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("skyhook:gain=1e300", "gain holds 1e+300"),
+        ("predictor:gain=1e300", "law.A holds"),
+        ("lqg-delay:noise=1e-12", "cannot be designed"),
+        ("lqr:effort=1e-300", "cannot be designed"),
+        ("hinf:force_weight=1e-300", "cannot be designed"),
+        ("hinf:delay=5", "delay = 5 s is too long"),
+        ("robust-abscissa:delay=1e9", "too long"),
+        ("lqg-delay:preview=1,design_kmh=1", "without preview"),
+        ("lqg-delay:preview=2", "preview = 2 must be 0 (no) or 1 (yes)"),
+        ("lqg-delay:track=tb3352", "no rational density"),
+        ("smith:delay=-1", "delay"),
+        ("semiactive-onoff:lowest=3e4,highest=1e4", "highest"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused_in_one_line(
+    spec: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["critical-delay", "--controller", spec, "--max-delay", "0.3"]) == 2
+    said = capsys.readouterr()
+    assert words in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [("robust-delay:decay=100", "decay = 100"), ("robust-delay:comfort=1e-9", "comfort = 1e-09")],
+)
+def test_a_goal_that_cannot_be_had_is_said(spec: str, words: str) -> None:
+    with pytest.raises(ArgumentError, match=words):
+        make_controller(spec)
+
+
+def test_a_law_on_the_linear_states_is_refused_on_the_nonlinear_vehicle(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["simulate", "--model", "full50", "--controller", "lqr", "--seconds", "6"]) == 2
+    assert "use --model lateral17" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_command_has_a_help_page(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command, "--help"]) == 0
+    assert f"railenv {command}" in capsys.readouterr().out

@@ -31,6 +31,8 @@ from railenv.vehicle import LateralVehicle
 from railenv.vehicle.coordinates import WHEELSETS
 from railenv.vehicle.suspension import NUM_TRACK
 
+# States of the longest line of track: designs take seconds (250 states: 0.1 s, 750: 17 s).
+_LARGEST_LINE = 600
 # Instants closer than this share of a physics step are one.
 _SAME_INSTANT = 1e-6
 
@@ -148,6 +150,12 @@ def _in_a_row(
     # at the end of a step. A line of length L keeps the present value and L - 1 or L older ones.
     lengths = [longest[i] + (1 if instants[i] == 0.0 else 0) for i in range(len(instants))]
     size = n + sum(2 * length for length in lengths)
+    if size > _LARGEST_LINE:
+        raise ArgumentError(
+            f"preview with the last wheelset {behind.max():.3g} s behind the first has {size} "
+            f"states of track, more than {_LARGEST_LINE}; design for a higher speed, or without "
+            "preview"
+        )
     pieces = np.diff([*instants, h])
     F, N = np.zeros((size, size)), np.zeros((size, n * len(pieces)))
     # The process from the present to every instant of the coming step.
