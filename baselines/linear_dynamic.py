@@ -35,8 +35,8 @@ from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle
 from railenv.vehicle.coordinates import Layout, actuator_positions, parse_layout
 
-_OUT_OF_RANGE = 1e100
-# Far above any meaning, and far enough below overflow for every product with a law's matrices.
+_OUT_OF_RANGE = 1e250
+# Far above any meaning, and below overflow by more than `LARGEST_NUMBER` in a matrix can add.
 
 
 class LinearDynamic:
