@@ -142,8 +142,8 @@ def _returns(item: tuple[float, str]) -> dict[str, tuple[float, float]]:
 
 _HEAD = """# Every controller at every delay
 
-Written by `OMP_NUM_THREADS=1 python -m eval.zoo_table`; do not edit. What the laws are, and why they
-fail where they do: [controllers.md](controllers.md).
+Written by `OMP_NUM_THREADS=1 python -m eval.zoo_table`; do not edit. What the laws are and why
+they fail where they do: [controllers.md](controllers.md).
 
 Vehicle `paper_fit` on German low, 8 tracks of 60 s after 10 s, control period 10 ms, force limit
 30 kN. Readings carry white noise of 10 % of the controlled response; the LQR and the yardstick are
