@@ -13,7 +13,7 @@ TORCH ?= torch==2.13.0
 # Tests run side by side, as many as there are cores; JOBS= runs them one after the other.
 JOBS ?= -n auto --dist worksteal
 
-.PHONY: benchmark test slow static check calibrate clean
+.PHONY: benchmark test slow static check calibrate evidence clean
 
 benchmark: $(VENV)/.installed-report
 	$(BIN)/railenv benchmark --suite quick --out runs/quick
@@ -34,6 +34,10 @@ check: static test slow
 
 calibrate: $(VENV)/.installed-report
 	$(BIN)/python -m eval.calibrate
+
+# Takes half an hour: docs/controllers-table.md. CI runs it in a small size (tests/test_eval_zoo.py).
+evidence: $(VENV)/.installed-dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m eval.zoo_table
 
 clean:
 	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -13,7 +13,7 @@ from baselines.design.optimum import perfect_knowledge
 from baselines.design.yardstick import optimum_at_force
 from railenv.errors import RailenvError
 from railenv.simulation import DEFAULT_CONTROL_PERIOD
-from railenv.stability import SampledLoop, critical_delays
+from railenv.stability import SampledLoop, critical_delays, sampled_windows
 from railenv.stability.lifted_roots import lifted_roots, unstable_at
 from railenv.vehicle import LateralVehicle, lateral17
 
@@ -24,14 +24,22 @@ LONGEST_WINDOW = 0.6
 """No end of a stable window is looked for beyond [s]."""
 
 _FIRST_STEP = 2.5e-3
+_LONGEST_STEP = 1e-2
 _FINEST = 1e-3
 _ALL_ROOTS = 10_000
 
 
 def first_critical_delay(law: Controller, vehicle: LateralVehicle) -> dict[str, Any]:
-    """Return the proved critical delay of a continuous linear law; nothing for any other."""
+    """Return the critical delay of a linear law; nothing for any other.
+
+    Proved for a continuous law; for a sampled one the first loss of stability that was found.
+    """
+    if isinstance(law, LinearDynamic) and law.sampled:
+        loop = law.to_sampled_loop(vehicle, DEFAULT_CONTROL_PERIOD)
+        found = sampled_windows(loop, LONGEST_WINDOW).critical_delay
+        return {"critical_delay_s": found, "critical_delay_proved": False}
     convert: Callable[..., Any] | None = getattr(law, "to_delay_system", None)
-    if convert is None or getattr(law, "sampled", False):
+    if convert is None:
         return {}
     found = critical_delays(convert(vehicle), 2.0)
     return {
@@ -74,8 +82,8 @@ def judged(
 def window_around(loop: SampledLoop, delay: float) -> tuple[float, float]:
     """Return the ends of the stable window that holds a delay, to a millisecond [s].
 
-    Steps away from the delay double until the loop is unstable; a gap between two steps would be
-    missed.
+    Steps away from the delay double, up to 10 ms, until the loop is unstable; a gap between two
+    steps would be missed.
     """
 
     def end(sign: float, last: float) -> float:
@@ -88,7 +96,7 @@ def window_around(loop: SampledLoop, delay: float) -> tuple[float, float]:
                 break
             if place == last:
                 return last
-            stable, step = place, 2.0 * step
+            stable, step = place, step + min(step, _LONGEST_STEP)
         outside = place
         while abs(outside - stable) > _FINEST:
             middle = (outside + stable) / 2.0

@@ -152,9 +152,9 @@ there (linear laws: by the eigenvalues of the sampled loop) or reached the force
 printed is a limit cycle. The standard error of a ride index is 0.01 or less where nothing diverges.
 
 - **Ride index** Wz (Sperling, GB/T 5599) at the front / rear floor; lower is better.
-- **Critical delay**: continuous, proved, of laws without a told delay (a proof by the oracle); "-"
-  for told laws, whose stable window around the delay is in the table of wrong delays, and for laws
-  that are not linear.
+- **Critical delay** of laws without a told delay: continuous and proved by the oracle, or of a
+  sampled law by its eigenvalues ("sampled"); "-" for told laws, whose stable window around the delay
+  is in the table of wrong delays, and for laws that are not linear.
 - **Force** RMS over the actuators [kN], and **damping**: the least damping ratio of the sampled
   loop's oscillating modes below 5 Hz, those of the law included.
 - **Distance**: ride-filtered floor acceleration (RMS, both ends) over that of the H2 optimum with
@@ -247,7 +247,7 @@ def _critical(cell: dict[str, Any]) -> str:
     if "critical_delay_s" not in cell:
         return "-"
     value = cell["critical_delay_s"]
-    word = "" if cell["critical_delay_proved"] else " (not proved)"
+    word = "" if cell["critical_delay_proved"] else " (sampled)"
     if value == 0.0:
         return f"unstable without delay{word}"
     return (f"none to 2 s{word}") if value is None else f"{1000 * value:.1f} ms{word}"

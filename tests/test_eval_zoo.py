@@ -1,5 +1,7 @@
 """The zoo's cells and claims: distances, windows, comfort beside sky-hook, returns."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,8 @@ from eval.zoo import (
 )
 from eval.zoo_judge import window_around, yardstick
 from eval.zoo_return import compared
+from eval.zoo_table import LAWS
+from eval.zoo_table import main as write_table
 from railenv.errors import ArgumentError
 from railenv.simulation import Trajectory
 from railenv.stability.lifted_roots import unstable_at
@@ -174,3 +178,20 @@ def test_the_optimums_return_is_above_passive_and_every_skyhook(track: str, dela
             others = [v for name, v in returns.items() if not name.startswith("lqg")]
             # Three of its own standard errors above the best mean of the others.
             assert own.mean() > max(v.mean() for v in others) + 3.0 * own.std() / 4.0
+
+
+@pytest.mark.slow
+def test_the_table_is_written_by_one_command(tmp_path: Path) -> None:
+    file = tmp_path / "table.md"
+    write_table(["--smoke", "--jobs", "2", "--out", str(file)])
+    text = file.read_text()
+    for label, _ in LAWS:
+        assert f"| {label} |" in text
+    for heading in ("4 actuators, 300 km/h", "Told the wrong delay", "The environment's return"):
+        assert f"## {heading}" in text
+    # Every row has as many cells as its header.
+    widths = [
+        {line.count("|") for line in block.splitlines() if line.startswith("|")}
+        for block in text.split("\n\n")
+    ]
+    assert all(len(width) <= 1 for width in widths)
