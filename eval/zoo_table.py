@@ -153,8 +153,8 @@ printed is a limit cycle. The standard error of a ride index is 0.01 or less whe
 
 - **Ride index** Wz (Sperling, GB/T 5599) at the front / rear floor; lower is better.
 - **Critical delay** of laws without a told delay: continuous and proved by the oracle, or of a
-  sampled law by its eigenvalues ("sampled"); "-" for told laws, whose stable window around the delay
-  is in the table of wrong delays, and for laws that are not linear.
+  sampled law by its eigenvalues ("sampled"); "-" for told laws, whose stable window around the
+  delay is in the table of wrong delays, and for laws that are not linear.
 - **Force** RMS over the actuators [kN], and **damping**: the least damping ratio of the sampled
   loop's oscillating modes below 5 Hz, those of the law included.
 - **Distance**: ride-filtered floor acceleration (RMS, both ends) over that of the H2 optimum with
