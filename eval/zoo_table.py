@@ -23,7 +23,7 @@ from eval.zoo import (
     evaluate,
     mismatched,
 )
-from eval.zoo_judge import yardstick
+from eval.zoo_judge import LONGEST_WINDOW, yardstick
 from eval.zoo_return import compared
 from railenv.files import replacing
 
@@ -250,7 +250,10 @@ def _critical(cell: dict[str, Any]) -> str:
     word = "" if cell["critical_delay_proved"] else " (sampled)"
     if value == 0.0:
         return f"unstable without delay{word}"
-    return (f"none to 2 s{word}") if value is None else f"{1000 * value:.1f} ms{word}"
+    if value is None:
+        longest = 2.0 if cell["critical_delay_proved"] else LONGEST_WINDOW
+        return f"none to {longest:g} s{word}"
+    return f"{1000 * value:.1f} ms{word}"
 
 
 def _force(cell: dict[str, Any]) -> str:
