@@ -14,6 +14,15 @@ from baselines.mixedhook import MixedHook
 from baselines.optimum import FullInformation
 from baselines.passive import Passive, Zero
 from baselines.pid import ModalPid
+from baselines.policies import (
+    History,
+    HistoryPolicy,
+    LinearPolicy,
+    NetworkPolicy,
+    RecurrentPolicy,
+    load_trained,
+    save_trained,
+)
 from baselines.policy_file import load_policy, save_policy
 from baselines.predictor import PredictorSkyHook
 from baselines.registry import make_controller, registered_controllers
@@ -30,15 +39,20 @@ __all__ = [
     "GroundHook",
     "HInfinity",
     "HInfinityShaping",
+    "History",
+    "HistoryPolicy",
     "LinearDynamic",
     "LinearFeedback",
+    "LinearPolicy",
     "LinearQuadraticRegulator",
     "Lqg",
     "MixedHook",
     "ModalPid",
+    "NetworkPolicy",
     "OnOffSkyHook",
     "Passive",
     "PredictorSkyHook",
+    "RecurrentPolicy",
     "RelativeDamping",
     "SemiActiveSkyHook",
     "SkyHook",
@@ -48,7 +62,9 @@ __all__ = [
     "Zero",
     "linearise",
     "load_policy",
+    "load_trained",
     "make_controller",
     "registered_controllers",
     "save_policy",
+    "save_trained",
 ]

@@ -1,8 +1,10 @@
 """Controllers by name: `make_controller("skyhook:gain=35e3")`.
 
-A SPEC is a registered name with settings after a colon, the path of a saved policy (`gain.npz`), or
+A SPEC is a registered name with settings after a colon; the name of a shipped policy; the path of a
+saved law (`gain.npz`) or of a trained policy (its folder, or its `.safetensors`); or
 `py:module:function` for a controller of the user's own. The function, or class, is called without
-arguments, or with `layout="2"` or "4" if it has a parameter of that name.
+arguments, or with `layout="2"` or "4" if it has a parameter of that name. A name goes before a
+folder that is called the same; write `./name` for the folder.
 """
 
 import importlib
@@ -33,6 +35,8 @@ from baselines import (
     smith,
 )
 from baselines.controller import Controller, users_own_code
+from baselines.policies.folder import is_policy, load_trained
+from baselines.policies.shipped import load_shipped, shipped_names
 from baselines.policy_file import load_policy
 from baselines.registered import Registered
 from railenv.errors import (
@@ -85,7 +89,8 @@ def make_controller(
     """Make a controller from its SPEC.
 
     Args:
-        spec: `name`, `name:key=value,key=value`, `FILE.npz`, or `py:module:function`.
+        spec: `name`, `name:key=value,key=value`, `FILE.npz`, `FOLDER`, `FILE.safetensors`, or
+            `py:module:function`.
         layout: 2 or 4 (or "passive"); `passive` and a saved policy bring their own.
         vehicle: Name of the vehicle that a law with a model in it is designed for.
         speed_kmh: Running speed that it is designed for [km/h].
@@ -105,7 +110,12 @@ def make_controller(
     if name == "py":
         return _from_module(rest, place)
     if name not in _REGISTRY:
-        raise unknown_name("controller", name, [*_REGISTRY, "py:module:function", "FILE.npz"])
+        if spec in shipped_names():
+            return load_shipped(spec)
+        if is_policy(spec):
+            return load_trained(spec)
+        others = ("py:module:function", "FILE.npz", "FOLDER of a trained policy")
+        raise unknown_name("controller", name, [*_REGISTRY, *shipped_names(), *others])
     entry = _REGISTRY[name]
     values: dict[str, float | str] = {key: default for key, (default, _) in entry.settings.items()}
     given: set[str] = set()

@@ -6,6 +6,8 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from baselines import Controller, registered_controllers
+from baselines.policies import HistoryPolicy
+from baselines.policies.shipped import shipped_descriptions
 from baselines.registered import Registered
 from eval.arguments import (
     MODELS,
@@ -25,6 +27,7 @@ from eval.sampled_answers import sampled_loop
 from eval.scenarios import load_suite
 from eval.simulations import Vehicle, physics_step
 from eval.stability_answers import delay_system, is_sampled_only
+from eval.told_delay import check_can_be_told, told_delays
 from railenv.actuation import DelaySpec
 from railenv.config import config_names
 from railenv.envs.registration import env_ids
@@ -65,7 +68,11 @@ def command_list(options: argparse.Namespace) -> None:
             _spec_of(entry): f"{entry.description} [{entry.source}]"
             for entry in registered_controllers()
         }
-        | {"py:module:function": "a controller of your own"},
+        | shipped_descriptions()
+        | {
+            "FOLDER": "a trained policy: its folder or .safetensors file",
+            "py:module:function": "a controller of your own",
+        },
         "envs": dict.fromkeys(env_ids(), "Gymnasium id"),
         "suites": {name: load_suite(name).version for name in config_names("benchmark")},
     }
@@ -98,7 +105,9 @@ def command_simulate(options: argparse.Namespace) -> None:
     delays = DelaySpec(parse_delay(options.delay)).per_channel(vehicle.num_actuators or 1)
     delays = delays[: vehicle.num_actuators]
     noise = check_not_negative("sensor_noise", parse_number("sensor_noise", options.sensor_noise))
-    stepping = replace(parse_stepping(options), sensor_noise=noise)
+    told_error = parse_number("told_error", options.told_error)
+    check_can_be_told(controller, told_error)
+    stepping = replace(parse_stepping(options), sensor_noise=noise, told_error=told_error)
     plot = parse_output(options.plot, (".png", ".svg", ".pdf"))
     out = parse_output(options.out, (".npz",))
     video = parse_output(options.video, (".mp4",))
@@ -155,6 +164,8 @@ def command_simulate(options: argparse.Namespace) -> None:
         "force_limit_n": stepping.actuator.force_limit,
         "sensor_noise": stepping.sensor_noise,
     }
+    if getattr(controller, "is_told", hasattr(controller, "tell")):
+        settings["told_error_s"] = stepping.told_error
     if isinstance(vehicle, FullVehicle):
         settings |= {
             "wheel": vehicle.contact.wheel,
@@ -184,7 +195,8 @@ def command_simulate(options: argparse.Namespace) -> None:
     print(f"{options.controller}, layout {vehicle.layout}, {options.track}: {state}")
     if growth is not None:
         word = "UNSTABLE at this delay" if growth > 0.0 else "stable at this delay"
-        print(f"  the sampled loop itself is {word}: growth rate {growth:+.4f} 1/s")
+        where = "itself" if getattr(controller, "is_linear", True) else "at rest"
+        print(f"  the sampled loop {where} is {word}: growth rate {growth:+.4f} 1/s")
     for name, value in (measures | (found or {})).items():
         if name not in ("diverged", "derailed", "derailed_at_s"):
             print(f"  {name:<28} {'-' if value is None else format(value, '.4g')} {_unit(name)}")
@@ -202,9 +214,15 @@ def _growth_rate(
     if periods > _QUICK_PERIODS:
         return None
     try:
-        if is_sampled_only(controller):
-            loop = sampled_loop(controller, vehicle, stepping.control_period, stepping.actuator)
-            return loop.growth_rate(list(delays) or 0.0)
+        law, told = controller, None
+        if len(delays):
+            told = float(told_delays(delays[None, :], stepping.told_error)[0])
+        if isinstance(controller, HistoryPolicy) and told is not None:
+            # A policy that is no linear law is one at rest, as long as it is told one delay.
+            law = controller.law_at(told)
+        if is_sampled_only(law):
+            loop = sampled_loop(law, vehicle, stepping.control_period, stepping.actuator)
+            return loop.growth_rate(list(delays) or 0.0, told)
         system = delay_system(controller, vehicle, stepping.actuator)
         return sampled_growth_rate(system, list(delays) or 0.0, stepping.control_period)
     except RailenvError:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from baselines.controller import Controller, measured_by, users_own_code
 from eval.sensor_noise import NoisyReadings
 from eval.simulations import LinearRuns, Vehicle, simulation_of
+from eval.told_delay import told_delays
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import (
     DEFAULT_ACTION_SCALE,
@@ -50,6 +51,8 @@ class Stepping:
         max_delay: Longest delay whose past actions are observed [s].
         sensor_noise: Standard deviation of the white Gaussian noise of what the controller
             measures, in units of the controlled response; see `eval.sensor_noise` [1].
+        told_error: What a controller that is told the delay is told too much; negative for too
+            little [s].
     """
 
     control_period: float = DEFAULT_CONTROL_PERIOD
@@ -57,6 +60,7 @@ class Stepping:
     actuator: ActuatorSpec = field(default_factory=ActuatorSpec)
     max_delay: float = DEFAULT_MAX_DELAY
     sensor_noise: float = 0.0
+    told_error: float = 0.0
 
 
 class ControlledBatch:
@@ -156,6 +160,10 @@ class ControlledBatch:
         self._readings = NoisyReadings(self._observer.names, noise, lanes, seed)
         self.blown_up = np.zeros(lanes, dtype=bool)
         self._call("reset", lambda: self.controller.reset(lanes, seed))
+        tell: Callable[[FloatArray], None] | None = getattr(self.controller, "tell", None)
+        if tell is not None and delays.shape[1]:
+            told = told_delays(delays, self.stepping.told_error)
+            self._call("tell", lambda: tell(told))
         self._now = self.simulation.measure()[:, self._measured]
 
     def advance(self) -> FloatArray:
