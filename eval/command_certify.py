@@ -3,11 +3,13 @@
 import argparse
 from typing import Any
 
+from baselines.policies.history_loop import has_history_loop, to_history_loop
 from eval.arguments import (
     parse_delay_box,
     parse_loop,
     parse_number,
     parse_output,
+    parse_stepping,
     parse_whole,
     print_json,
     progress_bar,
@@ -16,9 +18,17 @@ from eval.families import parse_family
 from eval.loops import is_typed, parse_linear_loop, parse_sampled_loop
 from eval.stability_answers import is_sampled_only
 from railenv.errors import ArgumentError, RailenvError
-from railenv.stability import Certificate, DelaySystem, SampledLoop, certify
+from railenv.stability import (
+    Certificate,
+    DelaySystem,
+    FiniteHistoryLoop,
+    SampledLoop,
+    certify,
+)
 from railenv.stability.verifier import verify_certificate
 from railenv.vehicle import LateralVehicle
+
+_SAMPLED = ("sampled", "sampled history")
 
 EXIT_OF = {"STABLE": 0, "UNSTABLE": 3, "UNDECIDED": 4}
 """Exit status of each verdict."""
@@ -38,6 +48,9 @@ def command_certify(options: argparse.Namespace) -> int:
     path = parse_output(options.save, (".json",))
     delay = parse_delay_box(options.delay)
     loop, title = _loop(options)
+    policy = _history_loop(options)
+    if policy is not None and not isinstance(delay, list):
+        loop = policy
     settings: dict[str, Any] = {}
     for name in ("decay_rate", "damping_ratio", "max_frequency_hz", "jitter", "told_error"):
         text = getattr(options, name)
@@ -47,7 +60,9 @@ def command_certify(options: argparse.Namespace) -> int:
         settings["common_jitter"] = True
     if options.max_tests is not None:
         settings["most_tests"] = parse_whole("max_tests", options.max_tests)
-    if is_typed(options, "control_period") and not isinstance(loop, SampledLoop):
+    if is_typed(options, "control_period") and not isinstance(
+        loop, SampledLoop | FiniteHistoryLoop
+    ):
         settings["control_period"] = parse_number("control_period", options.control_period)
     with progress_bar(options, 100, "%") as bar:
 
@@ -85,6 +100,17 @@ def _loop(options: argparse.Namespace) -> tuple[Any, str]:
             f"that its hold is meant: --control-period {system.period:g}"
         )
     return system, _title(options, vehicle)
+
+
+def _history_loop(options: argparse.Namespace) -> FiniteHistoryLoop | None:
+    """Return the loop of a linear policy of finite history, or None for any other."""
+    if options.vary or options.controller is None or not is_typed(options, "control_period"):
+        return None
+    controller, vehicle = parse_loop(options)
+    if not has_history_loop(controller):
+        return None
+    stepping = parse_stepping(options)
+    return to_history_loop(controller, vehicle, stepping.control_period, stepping.actuator)
 
 
 def _title(options: argparse.Namespace, vehicle: LateralVehicle | None) -> str:
@@ -128,7 +154,7 @@ def claim_text(claim: dict[str, Any], verdict: str = "STABLE") -> str:
     if low == high:
         shown = ", ".join(f"{1000 * tau:.6g}" for tau in dict.fromkeys(low))
         text = f"delay {shown} ms"
-    elif len(low) == 1 or claim["kind"] == "sampled":
+    elif len(low) == 1 or claim["kind"] in _SAMPLED:
         text = f"{every} from {1000 * low[0]:.6g} to {1000 * high[0]:.6g} ms"
     else:
         parts = [f"{1000 * a:.6g} to {1000 * b:.6g}" for a, b in zip(low, high, strict=True)]
@@ -149,7 +175,7 @@ def claim_text(claim: dict[str, Any], verdict: str = "STABLE") -> str:
         text += f" and up to {1000 * claim['jitter']:.6g} ms more, varying in time, {who}"
         if verdict == "UNSTABLE":
             text += ": for some of these"
-    if claim["kind"] == "sampled":
+    if claim["kind"] in _SAMPLED:
         text += f", sampled every {1000 * claim['period']:g} ms"
         if claim["told_error"]:
             text += f", told with an error of up to {1000 * claim['told_error']:g} ms"
@@ -170,7 +196,7 @@ def _verify(options: argparse.Namespace) -> int:
             )
     meant = None
     if options.controller is not None or options.system is not None:
-        meant, _ = _loop(options)
+        meant = _history_loop(options) or _loop(options)[0]
         if is_typed(options, "control_period") and isinstance(meant, DelaySystem):
             period = parse_number("control_period", options.control_period)
             meant = SampledLoop.from_delay_system(meant, period)

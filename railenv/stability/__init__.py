@@ -11,6 +11,7 @@ from railenv.stability.critical_delay import critical_delays
 from railenv.stability.crossings import CriticalDelays, Crossing, estimated_critical_delays
 from railenv.stability.delay_system import DelaySystem, as_delay_system
 from railenv.stability.enclosed_roots import EnclosedRoot, EnclosedRoots, enclosed_roots
+from railenv.stability.history_loop import FiniteHistoryLoop
 from railenv.stability.lifted_roots import lifted_roots, unstable_at
 from railenv.stability.modes import Mode, follow, modal_assurance
 from railenv.stability.pade import pade_critical_delays, pade_matrix, pade_roots, required_order
@@ -33,6 +34,7 @@ __all__ = [
     "DelaySystem",
     "EnclosedRoot",
     "EnclosedRoots",
+    "FiniteHistoryLoop",
     "Mode",
     "SampledCriticalDelay",
     "SampledCrossing",

@@ -8,6 +8,7 @@ from railenv.errors import ArgumentError, check_count, check_not_negative
 from railenv.stability import claims as prove
 from railenv.stability.certificate import Certificate
 from railenv.stability.delay_system import DelaySystem, as_delay_system
+from railenv.stability.history_loop import FiniteHistoryLoop
 from railenv.stability.proof.contour import Box
 from railenv.stability.proof.region import Region
 from railenv.stability.sampled_loop import SampledLoop
@@ -43,7 +44,8 @@ def certify(
 
     Args:
         system: A `DelaySystem`, an object with `to_delay_system()`, an `UncertainDelaySystem` (the
-            answer holds for every member) or a `SampledLoop`.
+            answer holds for every member), a `SampledLoop` or a `FiniteHistoryLoop` (one common
+            delay or interval).
         delay: A number: one delay for all channels. A tuple (low, high): every common delay in the
             interval. A list with one entry per channel, each a number or a tuple: every combination
             of independent delays (equal numbers are taken as one delay) [s].
@@ -55,7 +57,7 @@ def certify(
         control_period: The feedback is sampled and held with this period [s]; the delay then is the
             computational delay between sample and hold.
         told_error: A scheduled sampled controller is told the delay with at most this error [s].
-        most_tests: Give up after so many tests (pieces, parts of a box, parts of a family).
+        most_tests: Give up after so many tests (pieces, parts of a box, parts of a family, boxes).
         progress: Called now and then with the share that is done, 0 to 1.
 
     Returns:
@@ -68,13 +70,14 @@ def certify(
     region = Region(decay_rate, damping_ratio, max_frequency_hz)
     if most_tests is not None:
         check_count("most_tests", most_tests)
-    loop = system if isinstance(system, UncertainDelaySystem | SampledLoop) else None
+    own = UncertainDelaySystem | SampledLoop | FiniteHistoryLoop
+    loop = system if isinstance(system, own) else None
     if loop is None:
         loop = as_delay_system(system)
     if control_period is not None:
         if not isinstance(loop, DelaySystem):
             raise ArgumentError(
-                "control_period is for a DelaySystem; a SampledLoop has its own, and an uncertain "
+                "control_period is for a DelaySystem; a sampled loop has its own, and an uncertain "
                 "one cannot be sampled"
             )
         loop = SampledLoop.from_delay_system(loop, control_period)
@@ -82,6 +85,10 @@ def certify(
     if isinstance(loop, SampledLoop):
         claim, proof = prove.sampled(loop, delay, told_error, most_tests, progress)
         plain = {"kind": "sampled loop", **loop.to_plain()}
+    elif isinstance(loop, FiniteHistoryLoop):
+        error = check_not_negative("told_error", told_error, "seconds")
+        claim, proof = prove.history(loop, _common(delay), error, most_tests, progress)
+        plain = {"kind": "finite history loop", **loop.to_plain()}
     elif isinstance(loop, UncertainDelaySystem):
         groups, box = delay_box(loop.nominal, delay)
         claim, proof = prove.family(loop, groups, box, region, most_tests, progress)
@@ -122,12 +129,14 @@ def _point(delay: Any) -> Any:
 
 def _refuse_combinations(loop: Any, region: Region, jitter: Any, told_error: Any) -> None:
     plain = region == Region()
-    if isinstance(loop, SampledLoop):
+    if isinstance(loop, SampledLoop | FiniteHistoryLoop):
         if not plain or jitter:
+            varying = "a proved one also stands for delays that vary from sample to sample"
+            if isinstance(loop, FiniteHistoryLoop):
+                varying = "a loop with a finite history is proved for constant delays"
             raise ArgumentError(
                 "decay_rate, damping_ratio and jitter are for continuous feedback; for a sampled "
-                "loop give an interval of delays (a proved one also stands for delays that vary "
-                "from sample to sample)"
+                f"loop give an interval of delays ({varying})"
             )
         return
     if told_error:
@@ -177,6 +186,20 @@ def delay_box(system: DelaySystem, delay: Any) -> tuple[list[tuple[int, ...]], B
             groups.append((channel,))
             ends.append((low, high))
     return groups, Box(tuple(a for a, _ in ends), tuple(b for _, b in ends))
+
+
+def _common(delay: Any) -> tuple[float, float]:
+    """Return the interval of one common delay."""
+    if not (isinstance(delay, tuple) or _is_single(delay)):
+        raise ArgumentError(
+            f"delay = {delay!r:.60} is a list; a loop with a finite history is proved for one "
+            "common delay or one interval (low, high)"
+        )
+    low, high = cast(tuple[Any, Any], delay if isinstance(delay, tuple) else (delay, delay))
+    ends = check_not_negative("delay", low, "seconds"), check_not_negative("delay", high, "seconds")
+    if ends[0] > ends[1]:
+        raise ArgumentError(f"delay = {delay!r} is reversed; give (low, high) with low <= high")
+    return ends
 
 
 def _one_delay(system: DelaySystem, value: Any) -> float:

@@ -6,9 +6,11 @@ from typing import Any, cast
 from railenv.errors import ArgumentError
 from railenv.stability.certificate import UNDECIDED, UNSTABLE
 from railenv.stability.delay_system import DelaySystem
+from railenv.stability.history_loop import FiniteHistoryLoop
 from railenv.stability.proof.contour import Box
 from railenv.stability.proof.counting import Effort
 from railenv.stability.proof.delay_box import Proof, prove_box
+from railenv.stability.proof.history import MOST_BOXES, prove_history
 from railenv.stability.proof.jitter import MOST_TESTS as MOST_JITTER_TESTS
 from railenv.stability.proof.jitter import prove_jitter
 from railenv.stability.proof.neutral import difference_part_is_unstable
@@ -144,6 +146,31 @@ def sampled(
     if proof.verdict == UNSTABLE:
         reason = f"{proof.unstable_roots} roots outside the unit circle at delay {proof.witness} s"
     return claim, Proof(proof.verdict, proof.unstable_roots, reason, proof.evidence or {})
+
+
+def history(
+    loop: FiniteHistoryLoop,
+    delays: tuple[float, float],
+    told_error: float,
+    boxes: int | None,
+    progress: Progress,
+) -> Answer:
+    """A law of finite history, at every common delay and told delay of a range."""
+    low, high = delays
+    most = MOST_BOXES if boxes is None else boxes
+    proof = prove_history(loop, low, high, told_error, most, progress)
+    claim = {
+        "kind": "sampled history",
+        "verdict": proof.verdict,
+        "period": loop.period,
+        "low": low,
+        "high": high,
+        "told_error": told_error,
+        "witness": proof.witness,
+        "witness_told": proof.witness_told,
+    }
+    evidence = {"method": "arcs of the unit circle", "arcs": proof.arcs, "boxes": proof.boxes}
+    return claim, Proof(proof.verdict, proof.unstable_roots, proof.reason, evidence)
 
 
 def plain_system(system: DelaySystem) -> dict[str, Any]:

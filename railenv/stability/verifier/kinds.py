@@ -5,6 +5,7 @@ from typing import Any
 
 from railenv.stability.verifier.claim import entries
 from railenv.stability.verifier.contour import check_delay_box
+from railenv.stability.verifier.history import check_history
 from railenv.stability.verifier.jitter import check_jitter
 from railenv.stability.verifier.quasipolynomial import RejectedError, rational
 from railenv.stability.verifier.sampled import check_sampled
@@ -15,6 +16,7 @@ Plain = dict[str, Any]
 _SYSTEM = {"kind", "A", "B", "K", "feedthrough"}
 _FAMILY = _SYSTEM | {"A_radius", "B_radius", "K_radius", "directions"}
 _SAMPLED = {"kind", "A", "B", "C", "D", "period", "told", "Ac", "Bc", "Cc", "Dc"}
+_HISTORY = {"kind", "A", "B", "C", "D", "period", "told", "measured", "commanded", "spread"}
 
 _JITTER_CLAIM = {"kind", "verdict", "delays", "jitter", "common"}
 _SAMPLED_CLAIM = {
@@ -28,6 +30,7 @@ _SAMPLED_CLAIM = {
     "witness",
     "witness_told",
 }
+_HISTORY_CLAIM = _SAMPLED_CLAIM - {"unstable_roots"}
 _FAMILY_CLAIM = {
     "kind",
     "verdict",
@@ -101,11 +104,24 @@ def _sampled(certificate: Plain) -> None:
     _raise(check_sampled(system, claim, certificate["evidence"]))
 
 
+def _history(certificate: Plain) -> None:
+    _require_system(certificate, "finite history loop", _HISTORY)
+    claim, system = certificate["claim"], certificate["system"]
+    _require_claim(certificate, _HISTORY_CLAIM, ("verdict",))
+    if rational(claim["period"]) != rational(system["period"]):
+        raise RejectedError("the claim names another period than the system has")
+    witness = (claim["witness"], claim["witness_told"])
+    if certificate["verdict"] == "STABLE" and witness != (None, None):
+        raise RejectedError("a stable loop has no unstable delay")
+    check_history(system, claim, certificate["unstable_roots"])
+
+
 CHECKS: dict[str, Callable[[Plain], None]] = {
     "delay box": _delay_box,
     "jitter": _jitter,
     "uncertain": _uncertain,
     "sampled": _sampled,
+    "sampled history": _history,
 }
 """The check of each kind; raises `RejectedError`."""
 

@@ -21,7 +21,9 @@ def plain_numbers(system: Any) -> dict[str, Any]:
     """
     try:
         if hasattr(system, "to_plain") and not hasattr(system, "nominal"):
-            return {"kind": "sampled loop", **cast(dict[str, Any], system.to_plain())}
+            plain = cast(dict[str, Any], system.to_plain())
+            kind = "finite history loop" if "measured" in plain else "sampled loop"
+            return {"kind": kind, **plain}
         if not hasattr(system, "nominal"):
             return {"kind": "delay system", **_lists(system, _MATRICES)}
         return {
