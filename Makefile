@@ -35,9 +35,11 @@ check: static test slow
 calibrate: $(VENV)/.installed-report
 	$(BIN)/python -m eval.calibrate
 
-# Takes half an hour: docs/controllers-table.md. CI runs it in a small size (tests/test_eval_zoo.py).
+# docs/controllers-table.md takes half an hour, docs/policies-table.md more for every policy that is
+# shipped. CI runs both in a small size (tests/test_eval_zoo.py, test_eval_policy_score_command.py).
 evidence: $(VENV)/.installed-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m eval.zoo_table
+	OMP_NUM_THREADS=1 $(BIN)/python -m eval.policy_evidence
 
 clean:
 	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -8,6 +8,11 @@ vehicle usually measures). An action of one is `action_scale` newtons (3 kN unle
 says otherwise); in simulation and benchmark only the actuator's force limit bounds it, the
 environment's box clips at one. State is kept inside and must not depend on the number of lanes.
 
+One that wants to know the delay has a method `tell(delays)`: the delay that every lane is told,
+shape (lanes,) [s], handed over after every `reset` and before the first `act`. It is the mean over
+the lane's channels, and may be wrong by a told error. A controller that has the method and takes no
+notice says so with an attribute `is_told` that is False.
+
 A linear controller also offers `to_delay_system(vehicle, actuator)` for the stability oracle, and
 `to_sampled_loop(vehicle, period, actuator)` for proofs about the loop with sampling and hold.
 """

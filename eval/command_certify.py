@@ -3,7 +3,10 @@
 import argparse
 from typing import Any
 
+from baselines import make_controller
+from baselines.policies import is_policy
 from baselines.policies.history_loop import has_history_loop, to_history_loop
+from baselines.policies.shipped import shipped_names
 from eval.arguments import (
     parse_delay_box,
     parse_loop,
@@ -16,7 +19,7 @@ from eval.arguments import (
 )
 from eval.families import parse_family
 from eval.loops import is_typed, parse_linear_loop, parse_sampled_loop
-from eval.stability_answers import is_sampled_only
+from eval.stability_answers import is_sampled_only, words_of_rest
 from railenv.errors import ArgumentError, RailenvError
 from railenv.stability import (
     Certificate,
@@ -72,10 +75,13 @@ def command_certify(options: argparse.Namespace) -> int:
         certificate = certify(loop, delay, progress=tell, **settings)
     if path is not None:
         certificate.save(path)
+    at_rest = _words_of_policy(options.controller)
     if options.json:
-        print_json(_plain(certificate, options.save))
+        print_json({**_plain(certificate, options.save), "local": at_rest is not None})
     else:
         _print(title, certificate, options)
+        if at_rest is not None:
+            print(f"  local: {at_rest}")
     return EXIT_OF[certificate.verdict]
 
 
@@ -130,6 +136,13 @@ def _plain(certificate: Certificate, saved: str | None) -> dict[str, Any]:
         "method": certificate.evidence.get("method"),
         "saved": saved,
     }
+
+
+def _words_of_policy(spec: str | None) -> str | None:
+    """Say what a verdict on a trained policy that is not linear is about; None for the rest."""
+    if spec is None or not (is_policy(spec) or spec in shipped_names()):
+        return None
+    return words_of_rest(make_controller(spec))
 
 
 def _print(title: str, certificate: Certificate, options: argparse.Namespace) -> None:

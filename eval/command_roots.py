@@ -3,9 +3,10 @@
 import argparse
 from typing import Any
 
-from eval.arguments import parse_delay, parse_whole, print_json
-from eval.loops import loop_name, parse_linear_loop, parse_method
-from eval.stability_answers import enclosed_root_answers, root_answers
+from baselines import Controller
+from eval.arguments import parse_delay, parse_loop, parse_whole, print_json
+from eval.loops import controllers_loop, loop_name, parse_linear_loop, parse_method
+from eval.stability_answers import enclosed_root_answers, root_answers, words_of_rest
 from railenv.errors import ArgumentError, NeutralLoopError, check_count
 from railenv.stability import (
     DelaySystem,
@@ -23,10 +24,14 @@ def command_roots(options: argparse.Namespace) -> None:
     delay = parse_delay(options.delay)
     count = check_count("count", parse_whole("count", options.count))
     method, order = parse_method(options.method, ("exact",))
-    system, vehicle = parse_linear_loop(options)
-    if isinstance(system, SampledLoop) and vehicle is not None:
-        _sampled_law(options, system, vehicle, delay, count)
-        return
+    if options.controller is not None:
+        controller, vehicle = parse_loop(options)
+        system = controllers_loop(options, controller, vehicle)
+        if isinstance(system, SampledLoop):
+            _sampled_law(options, controller, system, vehicle, delay, count)
+            return
+    else:
+        system, vehicle = parse_linear_loop(options)
     if isinstance(system, SampledLoop):
         raise ArgumentError(
             f"{options.system!r} holds a sampled loop, and the characteristic roots are those of a "
@@ -62,6 +67,7 @@ def command_roots(options: argparse.Namespace) -> None:
 
 def _sampled_law(
     options: argparse.Namespace,
+    controller: Controller,
     loop: SampledLoop,
     vehicle: LateralVehicle,
     delay: float | tuple[float, ...],
@@ -74,15 +80,19 @@ def _sampled_law(
             "sampled law; drop --method"
         )
     answers = root_answers(lifted_roots(loop, delay, count), vehicle)
+    at_rest = words_of_rest(controller)
     if options.json:
         shown = {"control_period_s": loop.period, "right_of": None, "roots": answers}
-        print_json({"method": "sampled", "proved": False, **shown})
+        local = at_rest is not None
+        print_json({"method": "sampled", "proved": False, "local": local, **shown})
         return
     print(f"{loop_name(options, vehicle)}, delay {options.delay} s, method sampled")
     print(
         f"  {_verdict(answers)} at this delay (sampled every {1000 * loop.period:g} ms, "
         "growth rates ln(z) / T, not proved)"
     )
+    if at_rest is not None:
+        print(f"  local: {at_rest}")
     _print_roots(answers)
 
 

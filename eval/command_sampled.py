@@ -7,6 +7,7 @@ from typing import Any
 from eval.arguments import parse_loop, print_json, progress_bar
 from eval.loops import is_typed, loop_name, parse_sampled_loop
 from eval.sampled_answers import LONGEST_SCAN, design_delays, proofs_inside, windows_answer
+from eval.stability_answers import words_of_rest
 from railenv.errors import ArgumentError
 from railenv.stability import DelaySystem, SampledLoop, proved_critical_delay
 from railenv.vehicle import LateralVehicle
@@ -33,14 +34,17 @@ def critical_delay_of_law(
         )
     if not is_typed(options, "max_delay"):
         longest = LONGEST_SCAN
+    controller = parse_loop(options)[0]
+    at_rest = words_of_rest(controller)
     with progress_bar(options, None, "delay") as bar:
 
         def tell(delay: float) -> None:
             bar.set_postfix_str(f"{1000 * delay:.0f} ms", refresh=False)
             bar.update()
 
-        also = design_delays(parse_loop(options)[0], longest)
+        also = design_delays(controller, longest)
         answer = windows_answer(loop, vehicle, longest, also, tell)
+        answer["local"] = at_rest is not None
         if options.prove_sampled:
             answer["sampled_proofs"] = proofs_inside(loop, answer, tell)
     if options.json:
@@ -48,6 +52,8 @@ def critical_delay_of_law(
         return
     print(f"{loop_name(options, vehicle)}, {options.speed_kmh} km/h, {options.vehicle}")
     print(f"  method sampled: every {1000 * loop.period:g} ms, delays from 0 to {longest:g} s")
+    if at_rest is not None:
+        print(f"  local: {at_rest}")
     _print_first_loss(answer, longest)
     print_crossings(answer)
     if not answer["stable_windows_s"]:

@@ -80,11 +80,18 @@ def command_list(options: argparse.Namespace) -> None:
     if options.json:
         print_json(chosen)
         return
+    shipped = shipped_descriptions() if "controllers" in chosen else {}
     for kind, entries in chosen.items():
-        print(f"{kind}:")
-        width = max(len(name) for name in entries)
-        for name, description in entries.items():
-            print(f"  {name:<{width}}  {description}")
+        _print_section(kind, {name: entries[name] for name in entries if name not in shipped})
+        if kind == "controllers" and shipped:
+            _print_section("shipped policies", shipped)
+
+
+def _print_section(kind: str, entries: dict[str, str]) -> None:
+    print(f"{kind}:")
+    width = max(len(name) for name in entries)
+    for name, description in entries.items():
+        print(f"  {name:<{width}}  {' '.join(description.split())}")
 
 
 def _spec_of(entry: Registered) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from baselines.controller import Controller, users_own_code
+from baselines.policies import GatedPolicy
 from railenv.actuation import ActuatorSpec
 from railenv.errors import ArgumentError, ControllerError, RailenvError
 from railenv.stability import (
@@ -41,12 +42,35 @@ def is_sampled_only(controller: object) -> bool:
     """Whether a law is linear, but only from sample to sample: no continuous loop has it in it.
 
     A law says so with an attribute `sampled`, or by a `to_sampled_loop` without a
-    `to_delay_system`.
+    `to_delay_system`. A policy that is told the delay and is not linear is another law at rest for
+    every told delay, and no one loop.
     """
     if not hasattr(controller, "to_sampled_loop"):
         return False
+    if _is_many_laws(controller):
+        return False
     return getattr(controller, "sampled", False) is True or not hasattr(
         controller, "to_delay_system"
+    )
+
+
+def _is_many_laws(controller: object) -> bool:
+    told = getattr(controller, "is_told", False)
+    return bool(told) and not getattr(controller, "is_linear", True)
+
+
+def words_of_rest(controller: object) -> str | None:
+    """Say that an answer about a policy that is not linear holds at rest; None for a linear law.
+
+    The loop of such a policy is that of its linearisation at rest: it decides whether small motion
+    dies out or grows, and says nothing of large motion.
+    """
+    if getattr(controller, "is_linear", True):
+        return None
+    gates = ", the gates at rest" if isinstance(controller, GatedPolicy) else ""
+    return (
+        f"{type(controller).__name__} is not linear; this is its law at rest{gates}, and holds for "
+        "small motion"
     )
 
 
@@ -57,8 +81,14 @@ def delay_system(
 
     Raises:
         ArgumentError: The controller is not linear (it has no `to_delay_system`), or is a sampled
-            law.
+            law, or is told the delay and not linear.
     """
+    if _is_many_laws(controller):
+        raise ArgumentError(
+            f"controller {type(controller).__name__} is told the delay and is not linear: at rest "
+            "it is another law for every told delay, and no one loop; ask critical-delay with "
+            "--method simulation, or railenv score, which judges it at rest as it is told"
+        )
     if is_sampled_only(controller):
         raise ArgumentError(
             f"controller {type(controller).__name__} is a sampled law and has no continuous loop; "

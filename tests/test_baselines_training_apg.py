@@ -70,11 +70,13 @@ def same(one: AnalyticPolicyGradient, other: AnalyticPolicyGradient) -> bool:
         {"class": "network", "hidden": [3]},
         {"class": "recurrent", "hidden": [3], "told_knots": []},
         {"base": "skyhook:gain=4e3"},
+        {"class": "gated", "hidden": [3], "told_knots": [], "experts": [0.0, 0.1, 0.3]},
     ],
-    ids=["linear", "network", "recurrent", "residual"],
+    ids=["linear", "network", "recurrent", "residual", "gated"],
 )
 def test_gradient_of_a_window_is_that_of_finite_differences(policy: dict[str, Any]) -> None:
-    run = settings({"worse_end_weight": 0.5, "effort_weight": 0.1}, policy)
+    gates = {"gate_weight": 0.7} if policy.get("class") == "gated" else {}
+    run = settings({"worse_end_weight": 0.5, "effort_weight": 0.1, **gates}, policy)
     method = AnalyticPolicyGradient(run, 1, torch.float64)
     generator = np.random.default_rng(0)
     parameters = weights_of(method)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from baselines import SkyHook
-from baselines.policies import History, LinearPolicy
+from baselines.policies import GatedPolicy, History, LinearPolicy
 from baselines.training.dev_drive import DevDrive
+from baselines.training.gates_in_motion import GateDrive
 from baselines.training.judge import SKYHOOK_GAINS, Judge
 from baselines.training.judge_settings import CheckpointSettings
 from eval.measures import measure
@@ -19,7 +20,12 @@ from railenv.vehicle import LateralVehicle
 
 PERIOD = 0.02
 CHOSEN = CheckpointSettings(
-    delays=(0.0, 0.1), told_errors=(-0.1, 0.0), dev_tracks=2, dev_seconds=6.0, skip_seconds=2.0
+    delays=(0.0, 0.1),
+    growth_step=0.1,  # nothing in between
+    told_errors=(-0.1, 0.0),
+    dev_tracks=2,
+    dev_seconds=6.0,
+    skip_seconds=2.0,
 )
 
 
@@ -38,7 +44,7 @@ def nothing(seen: History, base: Any = None) -> LinearPolicy:
 
 def test_growth_is_that_of_the_law_underneath(vehicle: LateralVehicle) -> None:
     chosen = CheckpointSettings(
-        delays=(0.0, 0.15, 0.25), dev_tracks=1, dev_seconds=2.0, skip_seconds=1.0
+        delays=(0.0, 0.15, 0.25), growth_step=1.0, dev_tracks=1, dev_seconds=2.0, skip_seconds=1.0
     )
     law = SkyHook(35e3, 4)
     seen = history(action="each")  # two actions of a bogie made one would be another law
@@ -179,3 +185,96 @@ def test_references_are_the_best_gain_of_every_delay_and_a_better_optimum() -> N
     # The optimum for the delay and the noise is far below (table of the classical laws: by 0.3).
     better = np.array(found["best sky-hook"]["ride_index"]) - found["lqg-delay"]["ride_index"]
     assert np.all(better > 0.3)
+
+
+def gated(experts: Any, update_bias: float = 0.0, **fields: Any) -> GatedPolicy:
+    """Two sets of gains and one unit that goes from zero towards tanh(1) wherever it drives.
+
+    The gates are sigmoid(-+ 8 (h - 0.5)): the first set at rest before the first step, the second
+    once the unit has come beyond a half.
+    """
+    seen = history(**fields)
+    return GatedPolicy(
+        seen,
+        np.zeros((seen.num_knots, seen.num_actions, seen.num_features)),
+        experts,
+        np.zeros((3, seen.num_features)),
+        np.zeros((3, 1)),
+        np.array([0.0, update_bias, 1.0]),
+        np.zeros(3),
+        np.array([[-8.0], [8.0]]),
+        np.array([4.0, -4.0]),
+    )
+
+
+def damping(size: float) -> Any:
+    seen = history()
+    gains = np.zeros((seen.num_actions, seen.num_features))
+    gains[:, :4] = -size
+    return gains
+
+
+def test_a_gated_policy_is_judged_by_the_gates_of_the_drive() -> None:
+    first, second = damping(0.02), damping(0.06)
+    policy = gated(np.stack([first, second]), update_bias=2.0)
+    seen = history()
+    judge = Judge(environment(), CHOSEN)
+    judgement = judge.judge(policy)
+    # The unit has long come to tanh(1) when the periods count: gates of a softmax of +-2.09.
+    share = 1.0 / (1.0 + np.exp(-16.0 * (np.tanh(1.0) - 0.5)))
+    mixed = (1.0 - share) * first + share * second
+    expected = judge.judge(LinearPolicy(seen, mixed[None]))
+    assert judgement.gates_of_drive
+    assert "with the gates of the drive" in judgement.line()
+    assert not expected.gates_of_drive
+    assert "gates" not in expected.line()
+    # The same loop in the same realisation, gates settled to 1e-12 of themselves.
+    np.testing.assert_allclose(judgement.growth, expected.growth, atol=1e-6)
+
+
+def test_a_gated_policy_is_not_judged_by_its_gates_at_rest() -> None:
+    first, second = damping(0.02), damping(0.06)
+    plain = gated(np.stack([first, second]), update_bias=2.0)
+    arrays = {name: np.array(getattr(plain, name)) for name in plain.arrays}
+    # At rest the unit is at zero, and in motion it swings from one end to the other.
+    arrays["bias_ih"][2] = 0.0
+    arrays["weight_ih"][2, :4] = 1e3
+    policy = GatedPolicy(plain.history, plain.weights, **arrays)
+    judge = Judge(environment(), CHOSEN)
+    gates, _ = GateDrive(environment(), CHOSEN, np.array(CHOSEN.delays)).gates(policy)
+    assert policy.gates_at_rest()[1] < 0.02
+    assert gates[:, 1].min() > 0.1
+    judged = judge.judge(policy).growth[0]
+    for place, share in enumerate(gates[:, 1]):
+        mixed = (1.0 - share) * first + share * second
+        law = LinearPolicy(history(), mixed[None])
+        # The same loop in the same realisation.
+        assert judged[place] == pytest.approx(judge.judge(law).growth[0][place], abs=1e-6)
+
+
+def test_mean_gates_leave_the_start_of_a_drive_out() -> None:
+    # The unit's memory is of sigmoid(6), some 400 periods; the drive that counts is 100 to 300.
+    policy = gated(np.stack([damping(0.02), damping(0.06)]), update_bias=6.0)
+    gates, diverged = GateDrive(environment(), CHOSEN, np.array([0.0, 0.1])).gates(policy)
+    keep = 1.0 / (1.0 + np.exp(-6.0))
+    unit = np.tanh(1.0) * (1.0 - keep ** np.arange(1, 301))
+    second = 1.0 / (1.0 + np.exp(-16.0 * (unit - 0.5)))
+    # Sums of rounded numbers.
+    np.testing.assert_allclose(gates[:, 1], second[100:].mean(), atol=1e-12)
+    np.testing.assert_allclose(gates.sum(axis=1), 1.0, atol=1e-12)
+    assert not diverged.any()
+
+
+def test_a_drive_that_diverges_between_judged_delays_counts_for_the_nearest() -> None:
+    growing = gated(np.stack([damping(-50.0)] * 2))
+    judge = Judge(environment(gauge_limit=0.02), CHOSEN)
+    judge._drive.powers = lambda _: (np.ones(2), np.zeros(2, dtype=bool))  # type: ignore[method-assign]
+    assert judge.judge(growing).diverged == (True, True)
+
+
+def test_growth_is_looked_at_between_the_judged_delays_once_each() -> None:
+    chosen = CheckpointSettings(delays=(0.0, 0.15, 0.3))
+    looks = Judge(environment(), chosen)._looks
+    assert len(looks) == 31
+    np.testing.assert_allclose(np.diff(looks), 0.01, atol=1e-12)
+    assert set(chosen.delays) <= set(looks)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import railenv
+from baselines.policies.shipped import shipped_folder
 from eval.measures import RunMeasures
 from eval.scenarios import Suite
 from railenv.actuation import ActuatorSpec
@@ -130,6 +131,10 @@ def test_the_wheel_holds_three_names_and_the_configurations(tmp_path: Path) -> N
         assert "railenv/_configs/benchmark/quick.toml" in names
         assert "eval/templates/report.html.j2" in names
         assert "railenv/py.typed" in names
+        shipped = {
+            f"baselines/shipped/{p.parent.name}/{p.name}" for p in shipped_folder().glob("*/*")
+        }
+        assert shipped <= set(names)
         archive.extractall(tmp_path / "site")
     # Outside a checkout the configurations come from the package.
     code = (

@@ -31,7 +31,7 @@ from baselines.policies.linear import LinearPolicy
 from baselines.policies.torch_modules import LinearModule, PolicyModule, policy_of
 from baselines.training.adam_state import adam_arrays, set_adam
 from baselines.training.apg_settings import ApgSettings
-from baselines.training.gate_loss import GateLoss
+from baselines.training.gate_loss import gate_loss
 from baselines.training.imitation import Imitation, linear_part
 from baselines.training.method import Arrays, Plain, episode_seed
 from baselines.training.new_module import module_arrays, new_module, set_module
@@ -95,7 +95,7 @@ class AnalyticPolicyGradient:
         self._fresh = partial(new_module, settings, seed, dtype)
         self._weights = dict(self._module.named_parameters())
         self._adam = torch.optim.Adam(self._groups(), lr=hyper.learning_rate)
-        self._gates = self._gate_loss() if hyper.gate_weight > 0.0 else None
+        self._gates = gate_loss(self._module, settings) if hyper.gate_weight > 0.0 else None
         self._gate_row = [0.0, 0.0]
         self._guard = self._new_guard() if hyper.growth_weight > 0.0 else None
         self.steps = 0
@@ -107,15 +107,6 @@ class AnalyticPolicyGradient:
                 "are not in it; set imitation_rounds = 0"
             )
         linear_part(self._settings, self._hyper.imitation_effort)
-
-    def _gate_loss(self) -> GateLoss:
-        if not isinstance(self._module, GatedModule):
-            raise ArgumentError(
-                f"gate_weight = {self._hyper.gate_weight:g} is for class = 'gated'; a policy "
-                f"of class = {self._settings.policy.kind!r} has no gates, leave it out"
-            )
-        pause = self._hyper.window // 2
-        return GateLoss(self._module, self._settings.policy.experts, pause)
 
     def _groups(self) -> list[dict[str, Any]]:
         """The weights in groups that share a learning rate, "share" times that of the gains."""

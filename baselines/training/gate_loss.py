@@ -18,6 +18,8 @@ import torch
 from torch import Tensor
 
 from baselines.policies.gated_module import GatedModule
+from baselines.policies.torch_modules import PolicyModule
+from baselines.training.settings import TrainingSettings
 from railenv.errors import ArgumentError
 from railenv.units import FloatArray, Second
 
@@ -72,3 +74,22 @@ class GateLoss:
         with torch.no_grad():
             found = self._module.log_gates.exp() @ self._delays
         return float((found - self._true).abs().median())
+
+
+def gate_loss(module: PolicyModule, settings: TrainingSettings) -> GateLoss:
+    """Return the loss of a training run; the first half window of an episode does not count.
+
+    Args:
+        module: The policy that learns.
+        settings: Of the run, by the analytic policy gradient.
+
+    Raises:
+        ArgumentError: The policy is no gated one.
+    """
+    hyper, policy = settings.hyper, settings.policy
+    if not isinstance(module, GatedModule):
+        raise ArgumentError(
+            f"gate_weight = {hyper.gate_weight:g} is for class = 'gated'; a policy of "
+            f"class = {policy.kind!r} has no gates, leave it out"
+        )
+    return GateLoss(module, policy.experts, hyper.window // 2)

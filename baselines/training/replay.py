@@ -64,7 +64,7 @@ class Replay:
         """Return features, told delays and labels of random samples, in double precision."""
         chosen = generator.integers(len(self), size=size)
         x, told, labels = (
-            torch.from_numpy(self._kept[name][chosen].astype(np.float64)) for name in _NAMES
+            torch.tensor(self._kept[name][chosen], dtype=torch.float64) for name in _NAMES
         )
         return x, told, labels
 

@@ -10,8 +10,8 @@ With features x = phi(z) a z^k of a motion a z^k of the actions, the loop closes
 
     (I - W phi(z)) a = 0,    l (I - W phi(z)) = 0.
 
-Hence dz = -(l dW phi a) / (l W phi' a), and the growth rate ln|z| / T has the gradient Re(dz / z) / T
-(Stewart and Sun, Matrix Perturbation Theory, 1990, for simple eigenvalues).
+Hence dz = -(l dW phi a) / (l W phi' a), and the growth rate ln|z| / T has the gradient
+Re(dz / z) / T (Stewart and Sun, Matrix Perturbation Theory, 1990, for simple eigenvalues).
 """
 
 from dataclasses import dataclass
@@ -159,7 +159,7 @@ class StabilityGuard:
         return np.vstack(parts).astype(np.complex128)
 
     def _drawn(self, policy: LinearPolicy, generator: np.random.Generator) -> FloatArray:
-        """Draw pairs: on either side of a whole period or anywhere, told at an extreme or inside."""
+        """Draw pairs: beside a whole period or anywhere, told at an extreme or inside."""
         guarded, T, n = self._guarded, policy.control_period, self._guarded.looks
         delay = generator.uniform(guarded.low, guarded.high, n)
         whole = np.round(delay / T) * T
