@@ -10,6 +10,7 @@ import shlex
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     depth, elsewhere, nonlinear = (
         (_SMOKE, _SHORT, _SHORT) if options.smoke else (_FULL, _ELSEWHERE, _NONLINEAR)
     )
+    depth = replace(depth, fully=tuple(names[spec] for spec in shipped_names()))
     with tqdm(file=sys.stderr, unit="part") as bar:
 
         def tell(word: str) -> None:

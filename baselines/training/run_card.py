@@ -33,11 +33,14 @@ def training_card(
         interruptions: Lane-steps after which the run was interrupted on demand.
     """
     env = settings.environment
+    law = (
+        "the law with the mean gates of a drive" if judgement.gates_of_drive else "the law at rest"
+    )
     limits = [
         f"trained and judged on {env.vehicle}, {env.speed_kmh:g} km/h, {', '.join(env.tracks())}",
-        "growth rates are computed from the law at rest and prove nothing",
+        f"growth rates are computed from {law} and prove nothing",
     ]
-    if settings.policy.kind != "linear":
+    if settings.policy.kind != "linear" and not judgement.gates_of_drive:
         limits.append("not linear: growth rates hold near rest only")
     if settings.method in _WITH_MODEL:
         limits.append(_WITH_MODEL[settings.method])
