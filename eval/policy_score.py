@@ -6,7 +6,7 @@ the policies. Each number has an interval (`eval.policy_score_intervals`), each 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np

@@ -64,6 +64,7 @@ action_history = 2
 """
 
 
+@pytest.mark.slow
 def test_a_zip_with_a_pickle_in_data_is_converted_without_running_it(tmp_path: Path) -> None:
     made = tmp_path / "made"
     text = base64.b64encode(pickle.dumps(Exploit(made))).decode()

@@ -173,6 +173,7 @@ def test_the_growth_rate_of_the_oracle_is_that_of_a_long_simulation(
     assert slope == pytest.approx(rate, abs=0.02, rel=0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [linear, network])
 def test_a_policy_acts_in_a_rollout_as_through_the_environment(make: type) -> None:
     policy = make(sensor_lags=(0, 1, 4), action_lags=(1, 5))

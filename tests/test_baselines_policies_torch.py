@@ -69,6 +69,7 @@ def test_a_policy_through_a_module_and_back_is_bitwise_itself(make: Any) -> None
         np.testing.assert_array_equal(policy.act(readings), again.act(readings))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make", [LinearModule, NetworkModule, RecurrentModule], ids=lambda make: make.__name__
 )

@@ -63,6 +63,7 @@ def same(one: AnalyticPolicyGradient, other: AnalyticPolicyGradient) -> bool:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "policy",
     [

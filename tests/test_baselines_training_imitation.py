@@ -102,6 +102,7 @@ def test_expert_predicts_what_the_commands_on_their_way_do() -> None:
     assert np.allclose(ahead, known, atol=1e-3 * np.abs(known).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preview", [False, True])
 def test_causal_expert_costs_what_the_optimum_costs(preview: bool) -> None:
     run = settings({}, {}, {"delay": 0.1, "sensor_noise": 0.0, "episode_seconds": 12.0})
@@ -127,6 +128,7 @@ def test_causal_expert_costs_what_the_optimum_costs(preview: bool) -> None:
     assert np.sqrt(power) == pytest.approx(expected, rel=0.08)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "policy", [{}, {"class": "network", "hidden": [4]}], ids=["linear", "network"]
 )
@@ -151,6 +153,7 @@ def test_round_counts_its_lane_steps_and_reports_finite_numbers() -> None:
     assert numbers[0]["expert_share"] == 1.0
 
 
+@pytest.mark.slow
 def test_network_learns_what_the_linear_path_leaves() -> None:
     method = Imitation(
         settings({"batches": 300, "batch": 64}, {"class": "network", "hidden": [8]}), 1

@@ -174,6 +174,7 @@ def test_a_judgement_repeats_itself_and_survives_json() -> None:
     assert Judgement.of_plain(json.loads(json.dumps(first.to_plain()))) == first
 
 
+@pytest.mark.slow
 def test_references_are_the_best_gain_of_every_delay_and_a_better_optimum() -> None:
     judge = Judge(environment(sensor_noise=0.01), CHOSEN)
     found = judge.references()

@@ -205,6 +205,7 @@ def test_the_exported_policy_is_the_acting_one(name: str) -> None:
     assert 0.02 < largest < 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*ON, *OFF])
 def test_a_restored_run_goes_on_bit_for_bit(name: str) -> None:
     settings = settings_of(name)
@@ -247,6 +248,7 @@ def test_actions_do_not_depend_on_where_an_observation_lies_in_memory(name: str)
     assert len(found) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppo", "sac"])
 def test_another_seed_gives_another_policy(name: str) -> None:
     settings = settings_of(name)
@@ -312,6 +314,7 @@ def test_the_mean_of_weights_lags_behind_them() -> None:
     np.testing.assert_allclose(after, 0.75 * before + 0.25, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OFF)
 def test_an_off_policy_learner_takes_some_hundred_steps(name: str) -> None:
     method = method_of(settings_of(name, "linear"))

@@ -108,6 +108,7 @@ def settings(ranges: dict[str, Any], trials: int = 6) -> TrainingSettings:
 GAIN = {"method.gain": {"low": -0.1, "high": 0.2}}
 
 
+@pytest.mark.slow
 def test_the_search_finds_the_sign_of_damping_and_writes_a_whole_configuration(
     tmp_path: Path,
 ) -> None:
@@ -123,6 +124,7 @@ def test_the_search_finds_the_sign_of_damping_and_writes_a_whole_configuration(
     assert len(gains) == 6  # every trial has a proposal of its own
 
 
+@pytest.mark.slow
 def test_a_killed_search_goes_on_with_the_trial_it_was_at(tmp_path: Path) -> None:
     whole = Search(settings(GAIN, trials=4), tmp_path / "whole").run()
     Given.begun, Given.killed_at = 0, 3
@@ -136,6 +138,7 @@ def test_a_killed_search_goes_on_with_the_trial_it_was_at(tmp_path: Path) -> Non
     assert best[0] == best[1]
 
 
+@pytest.mark.slow
 def test_a_finished_search_can_be_given_more_trials(tmp_path: Path) -> None:
     Search(settings(GAIN, trials=2), tmp_path / "s").run()
     begun = Given.begun
@@ -144,6 +147,7 @@ def test_a_finished_search_can_be_given_more_trials(tmp_path: Path) -> None:
     assert Given.begun == begun + 1
 
 
+@pytest.mark.slow
 def test_choices_may_be_lists_and_whole_numbers_stay_whole(tmp_path: Path) -> None:
     ranges = {
         "method.places": {"choices": [[0], [0, 1]]},

@@ -64,6 +64,7 @@ def test_a_policy_that_does_nothing_has_no_gradient_and_no_warning(vehicle: Late
     assert not gradient.any()
 
 
+@pytest.mark.slow
 def test_following_the_gradient_makes_unstable_loops_stable(vehicle: LateralVehicle) -> None:
     given, own = policy(scale=0.1, base=SkyHook(10e3, 4)), guard(vehicle, looks=6, margin=0.1)
     generator = np.random.default_rng(0)

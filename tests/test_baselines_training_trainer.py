@@ -164,6 +164,7 @@ def test_a_run_leaves_the_policy_of_its_best_checkpoint(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_best_checkpoint_has_the_lowest_rank_of_all_judged(tmp_path: Path) -> None:
     outcome = trained(tmp_path / "run", steps=1500, step=0.05)
     with (tmp_path / "run" / "learning.csv").open() as stream:
@@ -176,6 +177,7 @@ def test_the_best_checkpoint_has_the_lowest_rank_of_all_judged(tmp_path: Path) -
     assert rows[ranks.index(min(ranks))]["steps"] == outcome.best_steps
 
 
+@pytest.mark.slow
 def test_one_seed_gives_one_policy_and_another_seed_another(tmp_path: Path) -> None:
     for name, seed in (("one", 3), ("two", 3), ("three", 4)):
         trained(tmp_path / name, seed=seed)
@@ -184,6 +186,7 @@ def test_one_seed_gives_one_policy_and_another_seed_another(tmp_path: Path) -> N
     assert one[0] != three[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [100, 500, 600])
 def test_a_killed_and_resumed_run_gives_the_undisturbed_policy(tmp_path: Path, at: int) -> None:
     trained(tmp_path / "whole")
@@ -193,6 +196,7 @@ def test_a_killed_and_resumed_run_gives_the_undisturbed_policy(tmp_path: Path, a
     assert policy_bytes(tmp_path / "run") == policy_bytes(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_a_run_killed_three_times_gives_the_undisturbed_curve(tmp_path: Path) -> None:
     trained(tmp_path / "whole")
     for place, at in enumerate((200, 500, 700)):
@@ -205,6 +209,7 @@ def test_a_run_killed_three_times_gives_the_undisturbed_curve(tmp_path: Path) ->
     assert curves[0] == curves[1]
 
 
+@pytest.mark.slow
 def test_a_method_that_goes_on_after_a_checkpoint_unseeded_is_found_out(tmp_path: Path) -> None:
     # The fault that `begin` is there for: the same comparison as above must see it.
     Walk.obedient = False
@@ -234,6 +239,7 @@ def test_time_goes_on_after_a_resume(tmp_path: Path) -> None:
     assert 1000.0 < outcome.seconds < 1100.0
 
 
+@pytest.mark.slow
 def test_a_truncated_newest_checkpoint_falls_back_to_the_one_before(tmp_path: Path) -> None:
     trained(tmp_path / "whole")
     killed(tmp_path / "run", 700)
@@ -258,6 +264,7 @@ def test_any_flipped_byte_of_a_checkpoint_is_found(tmp_path: Path, part: str) ->
         read_checkpoint(path.parent if "/" not in part else path.parent.parent)
 
 
+@pytest.mark.slow
 def test_a_half_written_checkpoint_does_not_count(tmp_path: Path) -> None:
     trained(tmp_path / "whole")
     killed(tmp_path / "run", 500)
@@ -269,6 +276,7 @@ def test_a_half_written_checkpoint_does_not_count(tmp_path: Path) -> None:
     assert policy_bytes(tmp_path / "run") == policy_bytes(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_only_the_newest_checkpoints_and_the_best_of_each_stay(tmp_path: Path) -> None:
     outcome = trained(tmp_path / "run", steps=2400, step=0.05)
     stay = {f"{steps:012d}" for steps in (2100, 2400, outcome.best_steps)}
@@ -329,6 +337,7 @@ def test_numbers_that_are_not_finite_end_a_run_and_name_the_best_policy(tmp_path
         trained(tmp_path / "run", diverged_at=500)
 
 
+@pytest.mark.slow
 def test_a_card_holds_the_settings_that_give_the_policy_again(tmp_path: Path) -> None:
     trained(tmp_path / "run")
     training = _card(tmp_path / "run")["training"]

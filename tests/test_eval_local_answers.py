@@ -109,6 +109,7 @@ def test_a_told_policy_that_is_not_linear_has_no_one_loop(
         assert way in line
 
 
+@pytest.mark.slow
 def test_the_way_out_by_simulation_is_open(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

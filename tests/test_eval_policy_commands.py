@@ -53,6 +53,7 @@ def test_simulate_says_the_growth_rate_as_it_is_told(
         assert found["growth_rate"] == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_policy_is_loaded_without_any_learning_package(told: str) -> None:
     code = (
         "import sys; from baselines import load_trained; "

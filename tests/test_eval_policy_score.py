@@ -89,6 +89,7 @@ def test_noise_pairs_lane_for_lane_and_a_track_does_not_depend_on_their_number()
     assert np.array_equal(one.front[0], two.front[0])
 
 
+@pytest.mark.slow
 def test_the_passive_vehicle_is_the_same_at_every_delay(references: References) -> None:
     passive = references.rows[PASSIVE]
     assert np.array_equal(passive.front[0], passive.front[1])
@@ -116,6 +117,7 @@ def test_full_information_beats_what_has_to_measure(references: References) -> N
         assert np.all(references.rows[name].worse > best - 0.05), name
 
 
+@pytest.mark.slow
 def test_an_lqg_for_the_wrong_delay_is_worse_than_for_the_right_one() -> None:
     nothing = References({}, np.full(1, np.nan), None)
     rows = with_designs(nothing, replace(TRIAL, delays=(0.1,)), errors=(0.02,)).rows
@@ -180,6 +182,7 @@ def test_growth_at_a_jump_is_that_of_its_worse_side() -> None:
         assert growth(law, VEHICLE, 0.1, 0.1) == max(sides)
 
 
+@pytest.mark.slow
 def test_stable_windows_end_where_the_sampled_crossing_is() -> None:
     found = stable_windows(hook(35e3), VEHICLE, longest=0.3)
     law = make_controller("skyhook:gain=35e3")
@@ -207,6 +210,7 @@ def test_a_controller_without_oracle_is_judged_by_its_runs_alone() -> None:
     assert stability(law, depth) == {"simulated": {}}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_gains")
 def test_a_score_says_on_the_screen_what_it_is_and_what_comes_next() -> None:
     trial = replace(TRIAL, tracks=1, delays=(0.0,))

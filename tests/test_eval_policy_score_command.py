@@ -63,6 +63,7 @@ def kept(answer: dict[str, Any], tmp_path: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_a_score_is_reproduced_from_the_card(tmp_path: Path, kept: dict[str, Any]) -> None:
     again = reproduced("p", load_trained(tmp_path / "p"), kept)
     assert again["reproduced"] is True
@@ -123,6 +124,7 @@ def test_recipes_differ_in_more_than_the_seed() -> None:
     assert recipe_of({"class": "linear"}) is None
 
 
+@pytest.mark.slow
 def test_several_seeds_are_one_table_with_a_row_for_all(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -136,6 +138,7 @@ def test_several_seeds_are_one_table_with_a_row_for_all(
     assert answer == json.loads((tmp_path / "out" / "score.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_saved_score_is_checked_by_the_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -198,6 +201,7 @@ def test_a_run_without_its_checkpoints_shows_what_the_judge_said(tmp_path: Path)
     assert curve["lines"] == pytest.approx({SKYHOOK: 2.3, LQG: 1.1})
 
 
+@pytest.mark.slow
 def test_a_run_with_all_checkpoints_is_scored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -211,6 +215,7 @@ def test_a_run_with_all_checkpoints_is_scored(
     assert set(curve["lines"]) == {PASSIVE, SKYHOOK, LQG}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".png", ".svg"])
 def test_a_learning_curve_is_drawn(
     tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]

@@ -37,6 +37,7 @@ def smoke(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder, text.getvalue()
 
 
+@pytest.mark.slow
 def test_the_command_says_where_the_policy_is_and_what_comes_next(smoke: tuple[Path, str]) -> None:
     folder, text = smoke
     assert f"policy     {folder}\n" in text
@@ -69,6 +70,7 @@ def test_resuming_what_is_done_says_so(
     assert "was done before; nothing was left to do" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_second_run_gives_the_same_files_by_another_name_and_as_json(
     smoke: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

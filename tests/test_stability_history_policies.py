@@ -74,6 +74,7 @@ def test_only_linear_policies_of_finite_history_have_such_a_loop(vehicle):
         to_history_loop(policy, lateral17("paper_fit", 2, 300.0), PERIOD)
 
 
+@pytest.mark.slow
 def test_a_policy_is_certified_over_delays_and_told_delays_on_the_command_line(capsys, tmp_path):
     policy = damping_policy((10e3, 5e3), knots=(0.0, 0.05))
     save_trained(policy, tmp_path / "policy", {})
@@ -83,6 +84,7 @@ def test_a_policy_is_certified_over_delays_and_told_delays_on_the_command_line(c
     assert (status, plain["verdict"], plain["claim"]["kind"]) == (0, "STABLE", "sampled history")
 
 
+@pytest.mark.slow
 def test_a_saved_certificate_of_a_policy_is_proved_anew_and_is_about_that_policy(capsys, tmp_path):
     for name, gain in (("one", -3e4), ("other", -2e4)):
         save_trained(damping_policy((gain,)), tmp_path / name, {})
@@ -97,6 +99,7 @@ def test_a_saved_certificate_of_a_policy_is_proved_anew_and_is_about_that_policy
     assert main(["certify", "--verify", saved, *question("other")]) == 1
 
 
+@pytest.mark.slow
 def test_the_answer_names_range_period_and_error(capsys, tmp_path):
     save_trained(damping_policy((-3e4,)), tmp_path / "policy", {})
     question = ["certify", "--controller", str(tmp_path / "policy"), "--control-period", "0.01"]

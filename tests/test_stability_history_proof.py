@@ -109,6 +109,7 @@ def test_the_random_loops_are_of_both_kinds():
     assert sum(w > 0.0 for w in worst) >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [3.0, 8.0])
 def test_it_ends_where_the_other_proof_of_sampled_loops_ends(gain):
     system = lag([gain])
@@ -122,6 +123,7 @@ def test_it_ends_where_the_other_proof_of_sampled_loops_ends(gain):
             assert certify(form, (0.0, share * low)).verdict == verdict
 
 
+@pytest.mark.slow
 def test_a_narrow_island_of_told_delays_is_not_missed():
     def island(height):
         told = (0.0, 0.1870, 0.1875, 0.1880, 0.5)
@@ -134,6 +136,7 @@ def test_a_narrow_island_of_told_delays_is_not_missed():
     assert certify(island(12.0), (0.2, 0.3), told_error=0.005).verdict == "STABLE"
 
 
+@pytest.mark.slow
 def test_a_narrow_window_of_unstable_delays_is_not_missed():
     # A weakly damped oscillator: the feedback pumps it at some delays and damps it at others.
     A = [[0.0, 1.0], [-100.0, -0.2]]

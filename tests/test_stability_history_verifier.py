@@ -52,6 +52,7 @@ def saved(tmp_path, system, delay, error=0.0, **changes):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gains", "told", "delay", "error"),
     [
@@ -69,6 +70,7 @@ def test_what_was_proved_is_proved_anew(tmp_path, gains, told, delay, error):
     assert not verify_certificate(path, lag([2 * g for g in gains], told)).accepted
 
 
+@pytest.mark.slow
 def test_a_law_with_two_signals_is_proved_anew(tmp_path):
     rng = np.random.default_rng(5)
     system = FiniteHistoryLoop(
@@ -88,6 +90,7 @@ def test_a_law_with_two_signals_is_proved_anew(tmp_path):
     assert result.accepted, result.reasons
 
 
+@pytest.mark.slow
 def test_more_than_was_proved_is_rejected(tmp_path):
     # Stable to 0.2 s, unstable at 1 s.
     path = saved(tmp_path, lag([3.0]), (0.0, 0.2), high=1.0)
