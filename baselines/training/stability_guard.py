@@ -33,6 +33,8 @@ _STEP = 1e-6
 # Step of the derivative as a share of z: rounding and curvature both give some 1e-9 of it.
 
 
+_AT_KNOT = 0.4
+# Share of the pairs that are told a knot of the schedule.
 _OPEN_LOOP = 1e-9
 # An eigenvalue this close (as a share) to one of the vehicle alone is not moved by the feedback.
 
@@ -159,16 +161,24 @@ class StabilityGuard:
         return np.vstack(parts).astype(np.complex128)
 
     def _drawn(self, policy: LinearPolicy, generator: np.random.Generator) -> FloatArray:
-        """Draw pairs: beside a whole period or anywhere, told at an extreme or inside."""
+        """Draw pairs: beside a whole period or anywhere, told at an extreme, a knot or inside.
+
+        At a knot the gains are those of the knot alone, a corner of what interpolation reaches.
+        """
         guarded, T, n = self._guarded, policy.control_period, self._guarded.looks
         delay = generator.uniform(guarded.low, guarded.high, n)
+        share = np.clip(generator.uniform(-2.0, 2.0, n), -1.0, 1.0)
+        knots = np.array(policy.history.told_knots or (0.0,))
+        at_knot = (generator.random(n) < _AT_KNOT) & policy.history.is_told
+        knot = generator.choice(knots, n)
+        delay = np.where(at_knot, knot - guarded.told_error * share, delay)
         whole = np.round(delay / T) * T
         kind = generator.integers(0, 3, n)
         delay = np.choose(kind, [delay, whole - _BESIDE, whole + _BESIDE])
         delay = np.clip(delay, guarded.low, guarded.high)
-        share = np.clip(generator.uniform(-2.0, 2.0, n), -1.0, 1.0)
         told = np.maximum(delay + guarded.told_error * share, 0.0)
-        return np.column_stack([delay, told])
+        near = np.abs(knot - delay) <= guarded.told_error
+        return np.column_stack([delay, np.where(at_knot & near, knot, told)])
 
 
 def _base_gains(policy: LinearPolicy) -> FloatArray:
