@@ -52,6 +52,7 @@ def continuous_law() -> LinearDynamic:
     return LinearDynamic((*matrices, *outputs), ("carbody_roll_rate",), 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("base", [None, SkyHook(10e3, 4), continuous_law()], ids=type)
 def test_what_is_read_back_acts_bit_for_bit(make: Any, base: Any, tmp_path: Path) -> None:
@@ -252,6 +253,7 @@ def test_a_damaged_file_is_refused_by_name(damage: Any, match: str, tmp_path: Pa
     assert "damaged.safetensors" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_every_flipped_byte_is_refused_or_read_as_numbers(tmp_path: Path) -> None:
     save_trained(linear(sensor_lags=(0,), told_knots=()), tmp_path, ABOUT)
     content = (tmp_path / "policy.safetensors").read_bytes()

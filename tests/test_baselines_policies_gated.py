@@ -21,6 +21,7 @@ def settled(policy: GatedPolicy, told: float, periods: int = 400) -> None:
         policy.act(np.zeros((1, len(policy.measures))))
 
 
+@pytest.mark.slow
 def test_policy_and_module_say_the_same_for_two_hundred_steps() -> None:
     policy = gated(3)
     module = module_of(policy)
@@ -77,6 +78,7 @@ def test_law_of_one_gate_is_the_linear_policy_of_its_gains(expert: int, told: fl
         np.testing.assert_allclose(first, second, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_law_at_rest_is_the_derivative_of_what_the_settled_policy_does() -> None:
     told, step = 0.08, 1e-5
     policy = gated(5, base=SkyHook(10e3, 4))

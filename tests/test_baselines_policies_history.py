@@ -106,6 +106,7 @@ class Listener:
         return np.zeros((len(observations), 4))
 
 
+@pytest.mark.slow
 def test_a_rollout_tells_the_mean_of_the_channels_and_the_error_after_the_reset() -> None:
     delays = np.array([[0.1, 0.1, 0.1, 0.1], [0.0, 0.1, 0.2, 0.3], [0.01, 0.01, 0.01, 0.01]])
     for error, expected in ((0.0, [0.1, 0.15, 0.01]), (-0.02, [0.08, 0.13, 0.0])):

@@ -121,6 +121,7 @@ def test_a_dynamic_base_keeps_its_states_beside_the_policys() -> None:
     np.testing.assert_allclose(actions, same, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("action", ["each", "bogies"])
 def test_the_loop_of_the_oracle_is_that_of_the_readings_kept_as_they_are(action: str) -> None:
     policy = linear(action=action)
@@ -147,6 +148,7 @@ def test_the_loop_of_the_oracle_is_that_of_the_readings_kept_as_they_are(action:
     assert loop.Ac.shape[-1] < ring.Ac.shape[-1] / 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "fields"),
     [(linear, {}), (recurrent, {}), (network, {"told_knots": ()}), (linear, {"layout": 2})],

@@ -25,6 +25,7 @@ from railenv.errors import ArgumentError, OutputError
 from railenv.track import make_track
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("fields", [{}, {"told_knots": ()}])
 def test_policy_and_module_are_one_over_a_closed_loop_with_tell_and_cut(
@@ -125,6 +126,7 @@ def test_a_base_that_cannot_be_trained_upon_is_refused() -> None:
         LinearPolicy(history(), linear().weights, make_controller("semiactive-skyhook"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("fields", [{}, {"told_knots": ()}])
 def test_the_onnx_model_acts_as_the_policy(

@@ -107,6 +107,7 @@ def test_gradient_of_a_window_is_that_of_finite_differences(policy: dict[str, An
     assert abs(expected) > 1e-3
 
 
+@pytest.mark.slow
 def test_restored_method_goes_on_bit_for_bit() -> None:
     undisturbed = AnalyticPolicyGradient(settings({"averaging": 0.5}), 1)
     undisturbed.update()
@@ -118,6 +119,7 @@ def test_restored_method_goes_on_bit_for_bit() -> None:
     assert same(resumed, undisturbed)
 
 
+@pytest.mark.slow
 def test_state_before_the_first_update_is_one_to_go_on_from() -> None:
     first, second = (AnalyticPolicyGradient(settings(), 1) for _ in range(2))
     second.restore(*first.state())
@@ -126,6 +128,7 @@ def test_state_before_the_first_update_is_one_to_go_on_from() -> None:
     assert same(first, second)
 
 
+@pytest.mark.slow
 def test_seed_decides_everything() -> None:
     one, other, different = (AnalyticPolicyGradient(settings(), seed) for seed in (1, 1, 2))
     for method in (one, other, different):
@@ -134,6 +137,7 @@ def test_seed_decides_everything() -> None:
     assert not same(one, different)
 
 
+@pytest.mark.slow
 def test_update_counts_its_lane_steps_and_reports_finite_numbers() -> None:
     method = AnalyticPolicyGradient(settings(), 1)
     numbers = method.update()
@@ -150,6 +154,7 @@ def test_learning_rate_falls_from_first_to_last() -> None:
     assert hyper.rate(1.5) == pytest.approx(1e-4)
 
 
+@pytest.mark.slow
 def test_worse_end_counts_alone_with_all_the_weight() -> None:
     method = AnalyticPolicyGradient(settings({"worse_end_weight": 1.0}), 1, torch.float64)
     method.start_episode()
@@ -186,6 +191,7 @@ def test_setting_out_of_range_is_refused_by_name(name: str, value: float) -> Non
         ApgSettings(**{name: value})
 
 
+@pytest.mark.slow
 def test_update_lowers_the_loss_of_the_episode_that_it_was_made_on() -> None:
     run = settings({"window": 60, "windows_per_episode": 1, "learning_rate": 1e-4})
     method = AnalyticPolicyGradient(run, 1)
@@ -196,6 +202,7 @@ def test_update_lowers_the_loss_of_the_episode_that_it_was_made_on() -> None:
     assert losses[1] < losses[0]
 
 
+@pytest.mark.slow
 def test_imitation_gives_the_first_weights_of_the_linear_path(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -47,6 +47,7 @@ def same(one: AnalyticPolicyGradient, other: AnalyticPolicyGradient) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_restored_gated_method_goes_on_bit_for_bit() -> None:
     hyper = {"averaging": 0.5, "gate_weight": 2.0, "unit_rate": 0.5}
     undisturbed, resumed = (AnalyticPolicyGradient(settings(hyper), 1) for _ in range(2))
@@ -58,6 +59,7 @@ def test_restored_gated_method_goes_on_bit_for_bit() -> None:
     assert same(resumed, undisturbed)
 
 
+@pytest.mark.slow
 def test_cross_entropy_moves_the_gates_towards_the_gains_of_the_true_delay() -> None:
     # Delay and sets of gains are such that the third one alone is right in every lane.
     hyper = {"gate_weight": 1e4, "learning_rate": 1e-2, "windows_per_episode": 1}
@@ -98,6 +100,7 @@ def test_first_half_window_of_an_episode_says_nothing_of_the_gates() -> None:
     assert seen[SMALL["window"] // 2 :] == pytest.approx([np.log(3.0)] * 18, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_unit_rate_slows_the_unit_and_not_the_gains() -> None:
     moved = {}
     for share in (1.0, 0.25):

@@ -82,6 +82,7 @@ def test_known_is_what_a_law_with_full_information_reads() -> None:
     assert len({after[f"alignment_{w}"] for w in range(1, 5)}) == 4
 
 
+@pytest.mark.slow
 def test_expert_predicts_what_the_commands_on_their_way_do() -> None:
     # Next to no track: what moves the vehicle are the commands.
     run = settings({}, {}, {"track_level": [1e-8, 1e-8], "start": "rest", "sensor_noise": 0.0})
@@ -143,6 +144,7 @@ def test_restored_method_goes_on_bit_for_bit(policy: dict[str, Any]) -> None:
     assert same(resumed, undisturbed)
 
 
+@pytest.mark.slow
 def test_round_counts_its_lane_steps_and_reports_finite_numbers() -> None:
     method = Imitation(settings(), 1)
     numbers = [method.update() for _ in range(2)]
@@ -190,6 +192,7 @@ def test_policy_that_cannot_be_fitted_is_refused(policy: dict[str, Any], match: 
         Imitation(settings({}, policy), 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fields", "match"),
     [

@@ -42,6 +42,7 @@ def nothing(seen: History, base: Any = None) -> LinearPolicy:
     return LinearPolicy(seen, np.zeros(shape), base=base)
 
 
+@pytest.mark.slow
 def test_growth_is_that_of_the_law_underneath(vehicle: LateralVehicle) -> None:
     chosen = CheckpointSettings(
         delays=(0.0, 0.15, 0.25), growth_step=1.0, dev_tracks=1, dev_seconds=2.0, skip_seconds=1.0
@@ -82,6 +83,7 @@ def test_without_force_the_delay_changes_nothing() -> None:
     assert not diverged.any()
 
 
+@pytest.mark.slow
 def test_a_policy_over_a_sky_hook_drives_like_the_sky_hook() -> None:
     drive = DevDrive(environment(sensor_noise=0.1), CHOSEN)
     law = SkyHook(10e3, 4)
@@ -90,6 +92,7 @@ def test_a_policy_over_a_sky_hook_drives_like_the_sky_hook() -> None:
     np.testing.assert_allclose(drive.powers(over)[0], drive.powers(law)[0], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_unit_of_an_action_changes_nothing() -> None:
     drive = DevDrive(environment(), CHOSEN)
     powers = [drive.powers(SkyHook(10e3, 4, action_scale=scale))[0] for scale in (3e3, 700.0)]
@@ -104,6 +107,7 @@ def test_a_delay_beyond_the_critical_one_shows_in_the_drive() -> None:
     assert power[1] > 10.0 * power[0]
 
 
+@pytest.mark.slow
 def test_a_policy_is_told_the_delay_that_it_is_driven_with() -> None:
     seen = history(told_knots=(0.0, 0.1))
     damping = np.zeros((2, seen.num_actions, seen.num_features))
@@ -128,6 +132,7 @@ def test_twice_the_irregularity_is_four_times_the_power() -> None:
     np.testing.assert_allclose(powers[1], 4.0 * powers[0], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_ride_index_is_that_of_a_rollout(vehicle: LateralVehicle) -> None:
     chosen = CheckpointSettings(
         delays=(0.1,), told_errors=(0.0,), dev_tracks=8, dev_seconds=30.0, skip_seconds=5.0
@@ -215,6 +220,7 @@ def damping(size: float) -> Any:
     return gains
 
 
+@pytest.mark.slow
 def test_a_gated_policy_is_judged_by_the_gates_of_the_drive() -> None:
     first, second = damping(0.02), damping(0.06)
     policy = gated(np.stack([first, second]), update_bias=2.0)
@@ -233,6 +239,7 @@ def test_a_gated_policy_is_judged_by_the_gates_of_the_drive() -> None:
     np.testing.assert_allclose(judgement.growth, expected.growth, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_gated_policy_is_not_judged_by_its_gates_at_rest() -> None:
     first, second = damping(0.02), damping(0.06)
     plain = gated(np.stack([first, second]), update_bias=2.0)

@@ -21,6 +21,7 @@ def small_loop(late: int, periods: int) -> tuple[FloatArray, ...]:
     return A, B, gain, x, commands
 
 
+@pytest.mark.slow
 def test_regression_on_exact_data_finds_gain_times_conditional_expectation() -> None:
     late, periods = 3, 40_000
     A, B, gain, x, commands = small_loop(late, periods)

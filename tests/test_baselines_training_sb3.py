@@ -179,6 +179,7 @@ def test_the_mild_drive_is_a_sky_hook_on_the_bogies() -> None:
         np.testing.assert_allclose(issued, -2.0 * 0.02 * (speed[k] + speed[j]) / 2, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*ON, *OFF])
 def test_the_exported_policy_is_the_acting_one(name: str) -> None:
     settings = settings_of(name, base="skyhook:gain=4e3")
@@ -349,6 +350,7 @@ def test_targets_do_not_reach_over_the_start_of_new_episodes() -> None:
     assert not samples.dones.any()
 
 
+@pytest.mark.slow
 def test_the_actor_waits_for_the_critics() -> None:
     settings = settings_of("sac")
     hyper = dataclasses.replace(settings.hyper, actor_after=64)

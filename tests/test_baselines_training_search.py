@@ -161,6 +161,7 @@ def test_choices_may_be_lists_and_whole_numbers_stay_whole(tmp_path: Path) -> No
     assert isinstance(best["environment"]["track_pool"], int)
 
 
+@pytest.mark.slow
 def test_a_search_without_a_stable_policy_says_so(tmp_path: Path) -> None:
     ranges = {"method.gain": {"low": -2.0, "high": -1.0}}
     with pytest.raises(RailenvError, match="none of 2 trials gave a policy that is stable"):
@@ -180,6 +181,7 @@ def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path: Path) -> Non
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
+@pytest.mark.slow
 def test_a_search_with_other_ranges_is_not_resumed(tmp_path: Path) -> None:
     Search(settings(GAIN, trials=1), tmp_path / "s").run()
     other = settings({"method.gain": {"low": 0.0, "high": 0.3}}, trials=1)

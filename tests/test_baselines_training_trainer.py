@@ -154,6 +154,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in (folder / "checkpoints").iterdir())
 
 
+@pytest.mark.slow
 def test_a_run_leaves_the_policy_of_its_best_checkpoint(tmp_path: Path) -> None:
     outcome = trained(tmp_path / "run")
     kept = tmp_path / "run" / "checkpoints" / f"{outcome.best_steps:012d}" / "policy"
@@ -226,6 +227,7 @@ def test_a_method_that_goes_on_after_a_checkpoint_unseeded_is_found_out(tmp_path
     assert not np.array_equal(*last)
 
 
+@pytest.mark.slow
 def test_time_goes_on_after_a_resume(tmp_path: Path) -> None:
     killed(tmp_path / "run", 700)
     first = read_checkpoint(tmp_path / "run" / "checkpoints" / "000000000600")
@@ -253,6 +255,7 @@ def test_a_truncated_newest_checkpoint_falls_back_to_the_one_before(tmp_path: Pa
     assert policy_bytes(tmp_path / "run") == policy_bytes(tmp_path / "whole")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["arrays.npz", "checkpoint.json", "policy/policy.safetensors"])
 def test_any_flipped_byte_of_a_checkpoint_is_found(tmp_path: Path, part: str) -> None:
     killed(tmp_path / "run", 400)
@@ -284,6 +287,7 @@ def test_only_the_newest_checkpoints_and_the_best_of_each_stay(tmp_path: Path) -
     assert len(names(tmp_path / "run")) <= 4
 
 
+@pytest.mark.slow
 def test_an_interruption_keeps_every_step_and_is_noted(tmp_path: Path) -> None:
     run = Trainer(settings(stopped_at=400), tmp_path / "run", with_references=False)
     with pytest.raises(KeyboardInterrupt):
@@ -299,6 +303,7 @@ def test_an_interruption_keeps_every_step_and_is_noted(tmp_path: Path) -> None:
         assert any("interrupted after 400" in line for line in limits) is noted
 
 
+@pytest.mark.slow
 def test_a_finished_run_has_nothing_left_to_do(tmp_path: Path) -> None:
     first = trained(tmp_path / "run")
     before = policy_bytes(tmp_path / "run")
@@ -308,6 +313,7 @@ def test_a_finished_run_has_nothing_left_to_do(tmp_path: Path) -> None:
     assert policy_bytes(tmp_path / "run") == before
 
 
+@pytest.mark.slow
 def test_a_run_killed_while_it_put_its_policy_in_place_does_so_again(tmp_path: Path) -> None:
     trained(tmp_path / "run")
     before = policy_bytes(tmp_path / "run")
@@ -326,12 +332,14 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
+@pytest.mark.slow
 def test_resuming_with_other_settings_names_what_differs(tmp_path: Path) -> None:
     killed(tmp_path / "run", 400)
     with pytest.raises(ArgumentError, match=r"method\.step, seed"):
         trained(tmp_path / "run", resume=True, seed=4, step=0.5)
 
 
+@pytest.mark.slow
 def test_numbers_that_are_not_finite_end_a_run_and_name_the_best_policy(tmp_path: Path) -> None:
     with pytest.raises(RailenvError, match=r"after 500 lane-steps.*000000000300.policy"):
         trained(tmp_path / "run", diverged_at=500)
@@ -347,6 +355,7 @@ def test_a_card_holds_the_settings_that_give_the_policy_again(tmp_path: Path) ->
     assert policy_bytes(tmp_path / "again") == policy_bytes(tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_tensorboard_reads_every_update(tmp_path: Path) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 

@@ -30,6 +30,7 @@ def environment(**fields: Any) -> EnvSettings:
     )
 
 
+@pytest.mark.slow
 def test_training_twin_moves_as_the_twin_does() -> None:
     delay = np.array([0.0, 0.013, 0.1, 0.27])
     ours = TrainingTwin(4, environment(), torch.float64)

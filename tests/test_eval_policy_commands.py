@@ -35,6 +35,7 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_simulate_says_the_growth_rate_as_it_is_told(
     told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -65,6 +66,7 @@ def test_a_policy_is_loaded_without_any_learning_package(told: str) -> None:
     assert found.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_what_a_policy_is_told_changes_the_run(
     told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -108,6 +110,7 @@ def test_critical_delay_and_roots_take_a_folder_with_the_true_delay_told(
     assert stable == (own < 0.0)
 
 
+@pytest.mark.slow
 def test_a_told_network_is_judged_by_simulation(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

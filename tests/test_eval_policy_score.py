@@ -58,6 +58,7 @@ def test_scoring_tracks_are_far_from_those_of_training() -> None:
     assert SCORING_SEEDS > 100 * TRAINING_SEEDS > 100 * DEV_POOL
 
 
+@pytest.mark.slow
 def test_a_policy_that_is_the_sky_hook_scores_like_it() -> None:
     own = comfort_of(hook(15e3), TRIAL)
     law = comfort_of(make_controller("skyhook:gain=15e3"), TRIAL)
@@ -67,6 +68,7 @@ def test_a_policy_that_is_the_sky_hook_scores_like_it() -> None:
     np.testing.assert_allclose(own.force, law.force, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_told_error_moves_the_gain_and_nothing_else() -> None:
     told = hook(5e3, 25e3, knots=(0.0, 0.2))
     own = comfort_of(told, replace(TRIAL, delays=(0.1,)), told_error=-0.05)
@@ -74,6 +76,7 @@ def test_a_told_error_moves_the_gain_and_nothing_else() -> None:
     np.testing.assert_allclose(own.front, law.front, rtol=1e-9)  # rounding, as above
 
 
+@pytest.mark.slow
 def test_laws_side_by_side_run_as_each_by_itself() -> None:
     laws = [make_controller(f"skyhook:gain={gain}") for gain in (10e3, 20e3)]
     both = comfort_of(PerDelay(laws), TRIAL)
@@ -83,6 +86,7 @@ def test_laws_side_by_side_run_as_each_by_itself() -> None:
         assert np.array_equal(both.force[k], alone.force[k])
 
 
+@pytest.mark.slow
 def test_noise_pairs_lane_for_lane_and_a_track_does_not_depend_on_their_number() -> None:
     law = make_controller("skyhook:gain=10e3")
     one, two = comfort_of(law, replace(TRIAL, delays=(0.0,))), comfort_of(law, TRIAL)
@@ -95,6 +99,7 @@ def test_the_passive_vehicle_is_the_same_at_every_delay(references: References) 
     assert np.array_equal(passive.front[0], passive.front[1])
 
 
+@pytest.mark.slow
 def test_no_gain_of_the_grid_beats_the_best_sky_hook(references: References) -> None:
     best = references.rows[SKYHOOK]
     for gain in (3e3, 10e3, 60e3):
@@ -146,6 +151,7 @@ def test_rows_and_margins_fit_together(references: References) -> None:
         assert margin == pytest.approx(beside[PASSIVE]["worse"][k] - row["worse"][k])
 
 
+@pytest.mark.slow
 def test_policies_of_one_recipe_are_a_family() -> None:
     trial = replace(TRIAL, tracks=1, delays=(0.0,))
     scored = [
@@ -255,6 +261,7 @@ def test_what_fails_elsewhere_is_said_in_words() -> None:
         assert word in text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_gains")
 def test_a_case_runs_policies_beside_references() -> None:
     case = Case("here", replace(TRIAL, tracks=1, delays=(0.1,)))

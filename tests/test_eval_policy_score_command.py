@@ -70,11 +70,13 @@ def test_a_score_is_reproduced_from_the_card(tmp_path: Path, kept: dict[str, Any
     assert again["largest_difference"] <= TOLERANCE
 
 
+@pytest.mark.slow
 def test_what_the_judge_said_stays_in_the_card(tmp_path: Path, kept: dict[str, Any]) -> None:
     assert "trial" in kept
     assert load_card(tmp_path / "p")["score"]["judge"] == {"cost": 1.0}
 
 
+@pytest.mark.slow
 def test_another_policy_does_not_reproduce_a_score(kept: dict[str, Any]) -> None:
     # A ten-thousandth of the gain is far more than the tolerance, and invisible in a table.
     assert reproduced("p", hook(8e3 * 1.0001), kept)["reproduced"] is False
@@ -86,6 +88,7 @@ def test_a_growth_rate_that_differs_is_found(kept: dict[str, Any]) -> None:
     assert (again["reproduced"], again["where"]) == (False, "told the delay, growth rate")
 
 
+@pytest.mark.slow
 def test_a_run_that_diverged_then_and_not_now_is_found(kept: dict[str, Any]) -> None:
     kept["rows"]["told the delay"]["diverged"][1] = True
     again = reproduced("p", hook(8e3), kept)

@@ -46,6 +46,7 @@ def test_the_command_says_where_the_policy_is_and_what_comes_next(smoke: tuple[P
     assert load_trained(folder).history.control_period == 0.02
 
 
+@pytest.mark.slow
 def test_the_learning_curve_has_a_row_per_checkpoint(smoke: tuple[Path, str]) -> None:
     with (smoke[0] / "learning.csv").open() as stream:
         rows = list(csv.DictReader(stream))

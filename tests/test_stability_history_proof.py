@@ -86,6 +86,7 @@ def test_growth_rate_is_that_of_the_general_sampled_loop():
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_no_verdict_is_contradicted_by_eigenvalues_on_a_grid(seed):
     system, low, high, error = random_loop(seed), 0.02, 0.33, 0.03
@@ -103,6 +104,7 @@ def test_no_verdict_is_contradicted_by_eigenvalues_on_a_grid(seed):
         assert certificate.verdict == ("STABLE" if worst < 0.0 else "UNSTABLE")
 
 
+@pytest.mark.slow
 def test_the_random_loops_are_of_both_kinds():
     worst = [worst_growth(random_loop(seed), 0.02, 0.33, 0.03) for seed in range(10)]
     assert sum(w < 0.0 for w in worst) >= 3
@@ -178,6 +180,7 @@ def test_a_largest_delay_rounded_just_below_a_whole_period_counts_as_that_period
     assert HistoryRange(0.0, 0.2999, 0.0, 0.01, np.array([0.0])).last == 29
 
 
+@pytest.mark.slow
 def test_a_plant_that_is_unstable_by_itself_is_counted_right():
     assert certify(lag([3.0], pole=1.0), (0.0, 0.1)).verdict == "STABLE"
     weak = certify(lag([0.5], pole=1.0), (0.0, 0.1))
@@ -222,6 +225,7 @@ def test_a_polynomial_is_free_of_zeros_only_above_its_bound():
     assert len(left_over({constant: 1.0}, 1.01)) == 1
 
 
+@pytest.mark.slow
 def test_no_zero_of_a_polynomial_is_lost():
     # 1 + 0.75 sigma + 0.75 rho is zero on a line across one corner.
     plane = left_over({(0, 0, 0): 1.0, (1, 0, 0): 0.75, (0, 1, 0): 0.75})
@@ -233,6 +237,7 @@ def test_no_zero_of_a_polynomial_is_lost():
     assert len(left_over({(0, 0, 0): 1.0, (1, 0, 0): 0.9, (0, 1, 0): 0.9j})) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arcs", [1, 4])
 def test_turns_are_counted_whatever_the_first_arcs(arcs):
     # v_k = -1.5 v_(k-7) beside a plant that is not fed back: 1 + 1.5 w^7 has seven zeros inside.

@@ -103,6 +103,7 @@ def test_more_than_was_proved_is_rejected(tmp_path):
     assert not verify_certificate(path).accepted
 
 
+@pytest.mark.slow
 def test_only_the_unstable_side_of_a_jump_is_enough_to_reject(tmp_path):
     # Unstable below one period of delay, stable from there: see the proof's own test.
     system = lag([0.6], pole=-50.0, commanded=[[[[0.6]]]], D=1.0)
@@ -112,6 +113,7 @@ def test_only_the_unstable_side_of_a_jump_is_enough_to_reject(tmp_path):
     assert not verify_certificate(path).accepted
 
 
+@pytest.mark.slow
 def test_a_false_count_or_a_witness_out_of_the_range_is_rejected(tmp_path):
     system = lag([0.5], pole=1.0)
     for changes in ({"unstable_roots": 2}, {"witness": 0.5}, {"verdict": "STABLE"}, {"low": 0.05}):
@@ -122,11 +124,13 @@ def test_a_false_count_or_a_witness_out_of_the_range_is_rejected(tmp_path):
     assert not verify_certificate(path).accepted
 
 
+@pytest.mark.slow
 def test_a_plant_that_is_unstable_by_itself_is_counted_with_its_own_modes(tmp_path):
     assert verify_certificate(saved(tmp_path, lag([3.0], pole=1.0), (0.0, 0.1))).accepted
     assert verify_certificate(saved(tmp_path, lag([0.5], pole=1.0), (0.0, 0.1))).accepted
 
 
+@pytest.mark.slow
 def test_what_a_file_must_not_hold_is_rejected(tmp_path):
     system = lag([3.0])
     for changes in (
