@@ -42,6 +42,7 @@ from baselines.registered import Registered
 from railenv.errors import (
     ArgumentError,
     ControllerError,
+    InputFileError,
     RailenvError,
     check_text,
     unknown_name,
@@ -114,6 +115,12 @@ def make_controller(
             return load_shipped(spec)
         if is_policy(spec):
             return load_trained(spec)
+        if _is_folder(spec):
+            raise InputFileError(
+                f"{spec} is a folder without card.json, no FOLDER of a trained policy; if it is a "
+                "training that is not done, finish it with --resume, or give its "
+                "checkpoints/STEPS/policy"
+            )
         others = ("py:module:function", "FILE.npz", "FOLDER of a trained policy")
         raise unknown_name("controller", name, [*_REGISTRY, *shipped_names(), *others])
     entry = _REGISTRY[name]
@@ -133,6 +140,13 @@ def make_controller(
         default, unit = entry.settings[key]
         values[key] = text if isinstance(default, str) else check_text(key, text, unit)
     return _built(spec, entry, lateral17(vehicle, place, speed_kmh), values)
+
+
+def _is_folder(spec: str) -> bool:
+    try:
+        return bool(spec) and Path(spec).is_dir()
+    except OSError:  # no name that a file can have
+        return False
 
 
 def _built(

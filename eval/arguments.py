@@ -12,6 +12,8 @@ import numpy as np
 from tqdm import tqdm
 
 from baselines import Controller, make_controller
+from baselines.policies import HistoryPolicy
+from eval.loop_arguments import Default
 from eval.rollout import Stepping
 from eval.simulations import Vehicle
 from railenv.actuation import ActuatorSpec
@@ -41,6 +43,11 @@ def parse_loop(options: argparse.Namespace) -> tuple[Controller, LateralVehicle]
     """Return the controller and the vehicle; a controller that has a layout decides it."""
     speed = parse_number("speed_kmh", options.speed_kmh)
     controller = make_controller(options.controller, options.layout, options.vehicle, speed)
+    if isinstance(controller, HistoryPolicy) and getattr(
+        options.control_period, "is_default", False
+    ):
+        # A trained policy acts at a period of its own.
+        options.control_period = Default(repr(controller.control_period))
     layout = getattr(controller, "layout", options.layout)
     return controller, lateral17(options.vehicle, layout, speed)
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from baselines import make_controller
 from baselines.controller import Controller
+from baselines.policies import LinearPolicy
 from baselines.policies.folder import is_policy, load_card, save_trained
 from baselines.policies.policy import HistoryPolicy
 from baselines.policies.shipped import shipped_folder, shipped_names
@@ -42,6 +43,8 @@ def command_score(options: argparse.Namespace) -> int:
     if options.check:
         return _check(options, policies)
     start = time.perf_counter()
+    if options.out is not None:
+        make_folder(Path(options.out))
     depth = _depth(options)
     cards = {spec: policy_card(spec) for spec in specs}
     names = short_names(specs)
@@ -59,7 +62,6 @@ def command_score(options: argparse.Namespace) -> int:
     text = screen(answer, _next(options, specs))
     if options.out is not None:
         folder = Path(options.out)
-        make_folder(folder)
         write_text(folder / "score.json", json.dumps(answer, indent=1, allow_nan=False) + "\n")
         write_text(folder / "score.md", f"```\n{text}\n```\n")
     if options.json:
@@ -177,6 +179,11 @@ def _next(options: argparse.Namespace, specs: Sequence[str]) -> str:
     spec = shlex.quote(specs[0])
     if options.quick:
         return f"railenv score {' '.join(map(shlex.quote, specs))}"
+    policy = make_controller(specs[0])
+    if not isinstance(policy, LinearPolicy):
+        return f"railenv simulate --controller {spec} --delay 0.1 --track german_low"
+    error = " --told-error 0.02" if policy.history.is_told else ""
     return (
-        f"railenv certify --controller {spec} --control-period 0.01 --delay 0:0.3 --told-error 0.02"
+        f"railenv certify --controller {spec} --control-period {policy.control_period:g} "
+        f"--delay 0:0.3{error}"
     )

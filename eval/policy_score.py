@@ -191,13 +191,22 @@ def families(scored: Sequence[Scored]) -> list[tuple[str, list[Scored]]]:
     """Return policies of one recipe together: name and members, two at least."""
     by_recipe: dict[str, list[Scored]] = {}
     for one in scored:
-        if one.recipe is not None:
-            by_recipe.setdefault(one.recipe, []).append(one)
+        members = by_recipe.setdefault(one.recipe or "", [])
+        # A copy of a policy is no further seed.
+        copied = any(np.array_equal(_weights(one), _weights(member)) for member in members)
+        if one.recipe is not None and not copied:
+            members.append(one)
     return [
         (f"{members[0].name} and {len(members) - 1} more seeds", members)
         for members in by_recipe.values()
         if len(members) > 1
     ]
+
+
+def _weights(one: Scored) -> FloatArray:
+    """Return the weights of the linear path, by which a copy is known."""
+    weights = getattr(one.controller, "weights", None)
+    return np.full(1, float(id(one))) if weights is None else np.asarray(weights)
 
 
 def comparison(

@@ -131,3 +131,33 @@ def test_a_zip_that_is_of_another_kind_is_refused_by_name(tmp_path: Path) -> Non
     config.write_text("")
     with pytest.raises(ArgumentError, match=r"no table \[environment\]"):
         convert_sb3(tmp_path / "ppo.zip", config)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"policy_kwargs": {"activation_fn": "<class 'torch.nn.modules.activation.ReLU'>"}},
+        {"policy_kwargs": {"squash_output": True}},
+        {"policy_kwargs": {"features_extractor_class": "<class 'mine.Extractor'>"}},
+        {"use_sde": True},
+    ],
+)
+def test_an_actor_that_says_it_is_another_kind_is_refused(
+    said: dict[str, Any], tmp_path: Path
+) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text(CONFIG)
+    env = Lateral17VectorEnv(1, **_settings(config))
+    inputs = env.single_observation_space.shape[0]
+    env.close()
+    path = sb3_zip(tmp_path / "a.zip", actor_weights(inputs), said)
+    with pytest.raises(InputFileError, match=r"policy_kwargs|use_sde"):
+        convert_sb3(path, config)
+    harmless = {"policy_kwargs": {"activation_fn": "<class 'torch.nn.modules.activation.Tanh'>"}}
+    convert_sb3(sb3_zip(tmp_path / "b.zip", actor_weights(inputs), harmless), config)
+
+
+def _settings(config: Path) -> dict[str, Any]:
+    import tomllib
+
+    return tomllib.loads(config.read_text())["environment"]

@@ -294,5 +294,7 @@ def test_what_is_no_policy_is_said_to_be_none(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "absent", tmp_path / "absent.safetensors"):
         with pytest.raises(InputFileError, match=path.name):
             load_trained(path)
-    with pytest.raises(ArgumentError, match="FOLDER of a trained policy"):
+    with pytest.raises(InputFileError, match="no FOLDER of a trained policy"):
         make_controller(str(tmp_path))
+    with pytest.raises(ArgumentError, match="FOLDER of a trained policy"):
+        make_controller(str(tmp_path / "absent"))

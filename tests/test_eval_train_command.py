@@ -174,7 +174,7 @@ def _check_every_file(run: Path) -> None:
     assert events.Scalars("judge/cost")[-1].step == 12_000
     known = {
         *("run.json", "references.json", "learning.csv", "checkpoints", "tensorboard"),
-        *("policy.safetensors", "card.json"),
+        *("policy.safetensors", "card.json", ".lock"),
     }
     assert {path.name for path in run.iterdir()} == known
 

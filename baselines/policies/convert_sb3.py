@@ -34,6 +34,17 @@ from railenv.vehicle.coordinates import parse_layout
 _WEIGHTS = "policy.pth"
 _DATA = "data"
 _ACTOR = "mlp_extractor.policy_net."
+_HARMLESS = (
+    "net_arch",
+    "log_std_init",
+    "ortho_init",
+    "full_std",
+    "optimizer_class",
+    "optimizer_kwargs",
+    "share_features_extractor",
+    "normalize_images",
+)
+# Entries of policy_kwargs that do not change what the mean action is.
 _MOST_LAYERS = 16
 
 
@@ -79,6 +90,7 @@ def convert_sb3(path: str | Path, config: str | Path) -> Converted:
         for key, value in data.items()
         if isinstance(value, dict) and ":serialized:" in value
     )
+    _check_kind(place, data)
     layers = _layers(place, _tensors(place, weights), history)
     if history.is_told:
         # The environment tells the delay in its own unit.
@@ -92,6 +104,32 @@ def convert_sb3(path: str | Path, config: str | Path) -> Converted:
         raise InputFileError(f"{place}: {error}") from None
     rest = policy._network(np.zeros((1, history.num_features)), np.zeros(1))[0]
     return Converted(policy, rest, (*pickled, *others))
+
+
+def _check_kind(path: Path, data: dict[str, Any]) -> None:
+    """Refuse what the zip itself says is another kind of actor.
+
+    `data` tells beside each pickled entry, in plain text, what is in it. A zip that lies about
+    itself is not found out: the actor is taken as one with tanh.
+
+    Raises:
+        InputFileError: Another activation function, squashed actions, state-dependent exploration,
+            or something in policy_kwargs that may change the actor.
+    """
+    if data.get("use_sde"):
+        raise InputFileError(f"{path} has use_sde = true; only actors without it are converted")
+    told = data.get("policy_kwargs")
+    for key, value in (told if isinstance(told, dict) else {}).items():
+        if key in _HARMLESS or key.startswith(":"):
+            continue
+        if key == "activation_fn" and str(value).rstrip("'>").endswith(".Tanh"):
+            continue
+        if key in ("squash_output", "use_expln", "use_sde") and value in (False, "False"):
+            continue
+        raise InputFileError(
+            f"{path} says policy_kwargs {key!s:.40} = {value!s:.60}; an actor of Linear layers "
+            "with tanh between them is converted, and nothing else"
+        )
 
 
 def _history(s: EnvSettings) -> tuple[History, float]:

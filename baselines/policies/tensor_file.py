@@ -154,7 +154,7 @@ def _place(path: Path, name: str, entry: Any) -> tuple[int, int, tuple[int, ...]
             f"policy has at most {_MOST_DIMENSIONS} and two"
         )
     # Numbers of Python: their product does not wrap around.
-    if math.prod(shape) * 8 != offsets[1] - offsets[0]:
+    if max(shape, default=0) > LARGEST_FILE or math.prod(shape) * 8 != offsets[1] - offsets[0]:
         raise InputFileError(
             f"{path}: {name!r:.60} declares shape {shape!s:.60} over {offsets[1] - offsets[0]} "
             "bytes, which is not its size; the file is damaged"

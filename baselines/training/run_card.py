@@ -40,7 +40,12 @@ def training_card(
         f"trained and judged on {env.vehicle}, {env.speed_kmh:g} km/h, {', '.join(env.tracks())}",
         f"growth rates are computed from {law} and prove nothing",
     ]
-    if settings.policy.kind != "linear" and not judgement.gates_of_drive:
+    if judgement.gates_of_drive:
+        limits.append(
+            "not linear: at rest the gates do not know the delay, and small motion may grow until "
+            "they do; see the growth rate at rest in the score"
+        )
+    elif settings.policy.kind != "linear":
         limits.append("not linear: growth rates hold near rest only")
     if settings.method in _WITH_MODEL:
         limits.append(_WITH_MODEL[settings.method])

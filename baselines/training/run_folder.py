@@ -15,10 +15,13 @@ import csv
 import io
 import json
 import shutil
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
 from baselines.training.checkpoint import WRITING, Checkpoint, read_checkpoint
+from baselines.training.run_lock import LOCK_FILE, held
 from railenv.errors import ArgumentError, InputFileError, OutputError
 from railenv.files import make_folder, replacing
 
@@ -39,6 +42,22 @@ class RunFolder:
         self._run = path / "run.json"
         self._references = path / "references.json"
 
+    @contextmanager
+    def held(self) -> Generator[None, None, None]:
+        """Keep other trainings out of the folder, which is made if it does not exist.
+
+        Raises:
+            ArgumentError: Another training is in it.
+            OutputError: It cannot be written to.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise OutputError(f"cannot write to {self.path}: it is a file")
+        if not self.exists():
+            self._refuse_used()  # before a lock is left in a folder of somebody else's
+        make_folder(self.path)
+        with held(self.path):
+            yield
+
     def begin(self, about: dict[str, Any]) -> None:
         """Begin a new run.
 
@@ -49,13 +68,7 @@ class RunFolder:
             ArgumentError: There is something in the folder already.
             OutputError: It cannot be written.
         """
-        if self.path.exists() and not self.path.is_dir():
-            raise OutputError(f"cannot write to {self.path}: it is a file")
-        if self.path.is_dir() and not self._untouched():
-            raise ArgumentError(
-                f"{self.path} is not empty; go on with the run in it by --resume, or give another "
-                "folder by --out"
-            )
+        self._refuse_used()
         make_folder(self.checkpoints)
         self.write_about(about)
 
@@ -66,7 +79,9 @@ class RunFolder:
             InputFileError: The folder holds no run, or the file is damaged.
         """
         found = _read_json(self._run)
-        if found.get("format") != _FORMAT or found.get("version") != _VERSION:
+        kept = {"config": dict, "done": bool}
+        whole = all(isinstance(found.get(key), kind) for key, kind in kept.items())
+        if found.get("format") != _FORMAT or found.get("version") != _VERSION or not whole:
             raise InputFileError(
                 f"{self._run} is no training run of this version; start a new one with --out"
             )
@@ -132,9 +147,20 @@ class RunFolder:
         with replacing(self.path / "learning.csv") as stream:
             stream.write(text.getvalue().encode("ascii"))
 
+    def _refuse_used(self) -> None:
+        if self.path.is_dir() and not self._untouched():
+            raise ArgumentError(
+                f"{self.path} is not empty; go on with the run in it by --resume, or give another "
+                "folder by --out"
+            )
+
     def _untouched(self) -> bool:
         """Whether nothing is there but what a run killed in its first moment leaves."""
-        left = [path for path in self.path.iterdir() if not path.name.startswith(".run.")]
+        left = [
+            path
+            for path in self.path.iterdir()
+            if not path.name.startswith(".run.") and path.name != LOCK_FILE
+        ]
         return all(path == self.checkpoints and not any(path.iterdir()) for path in left)
 
     def _all(self) -> list[Path]:

@@ -97,21 +97,22 @@ class Trainer:
             RailenvError: The training diverged.
         """
         self._started = time.perf_counter()
-        about = self._opened(resume)
-        if about["done"]:
-            return self._was_done(about)
-        with one_thread(), Interruption() as interruption:
-            kind = method_class(self.settings.method)
-            method = kind(self.settings, self.settings.seed)
-            newest = self._went_on(method) if resume else None
-            self._judge = Judge(self.settings.environment, self.settings.checkpoints)
-            references = self._references()
-            monitor = Monitor(self._folder.tensorboard, method.steps)
-            try:
-                self._train(method, newest, monitor, interruption, references)
-            finally:
-                monitor.close()
-        return self._finished(method.steps, references)
+        with self._folder.held():
+            about = self._opened(resume)
+            if about["done"]:
+                return self._was_done(about)
+            with one_thread(), Interruption() as interruption:
+                kind = method_class(self.settings.method)
+                method = kind(self.settings, self.settings.seed)
+                newest = self._went_on(method) if resume else None
+                self._judge = Judge(self.settings.environment, self.settings.checkpoints)
+                references = self._references()
+                monitor = Monitor(self._folder.tensorboard, method.steps)
+                try:
+                    self._train(method, newest, monitor, interruption, references)
+                finally:
+                    monitor.close()
+            return self._finished(method.steps, references)
 
     def _opened(self, resume: bool) -> dict[str, Any]:
         """Begin a new run, or check the one that is there; return the content of run.json."""

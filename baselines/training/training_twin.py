@@ -30,7 +30,7 @@ _DECIDED_HERE: dict[str, Any] = {
     "observation": "sensors",
     "observation_scale": "controlled",
 }
-# The policy's past is kept by `seen.Seen` and the told delay comes from the delays given: the twin
+# The policy's past is kept by `past.Past` and the told delay comes from the delays given: the twin
 # shows the newest reading only, which is much cheaper than pushing every past one along.
 
 

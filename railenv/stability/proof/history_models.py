@@ -21,6 +21,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from railenv.errors import ArgumentError
 from railenv.units import ComplexArray, FloatArray
 
 ORDER = 10
@@ -207,7 +208,10 @@ def concatenated(parts: list[Models], axis: int = 0) -> Models:
 
 def _check_length(terms: int) -> None:
     if terms > LONGEST_SUM:
-        raise OverflowError(f"a sum of {terms} products is longer than its rounding bound covers")
+        raise ArgumentError(
+            f"the law's history makes sums of {terms} products, and rounding is bounded for "
+            f"{LONGEST_SUM} at most; shorten its lags, or certify one told delay at a time"
+        )
 
 
 def powers(turn: list[complex], step: float) -> Models:
