@@ -50,6 +50,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", default="docs/policies-table.md", help="where to write")
     parser.add_argument("--policy", action="append", default=[], help="one more policy; repeat")
     parser.add_argument("--smoke", action="store_true", help="short runs")
+    parser.add_argument(
+        "--linear-delays",
+        action="store_true",
+        help="critical delays by simulation on the linear vehicle alone: minutes less per policy",
+    )
     options = parser.parse_args(arguments)
     specs = list(dict.fromkeys([*shipped_names(), *options.policy]))
     if not specs:
@@ -62,7 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     depth, elsewhere, nonlinear = (
         (_SMOKE, _SHORT, _SHORT) if options.smoke else (_FULL, _ELSEWHERE, _NONLINEAR)
     )
-    depth = replace(depth, fully=tuple(names[spec] for spec in shipped_names()))
+    shipped = () if options.linear_delays else tuple(names[spec] for spec in shipped_names())
+    depth = replace(depth, fully=shipped)
     with tqdm(file=sys.stderr, unit="part") as bar:
 
         def tell(word: str) -> None:
