@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from baselines.training.settings import TrainingSettings
     from baselines.training.trainer import Outcome
 
-_TRAINING_PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "safetensors", "optuna")
+_TRAINING_PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "optuna")
 
 
 def command_train(options: argparse.Namespace) -> None:

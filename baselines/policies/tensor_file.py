@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from railenv.errors import InputFileError
-from railenv.files import replacing
 from railenv.units import FloatArray
 
 LARGEST_HEADER = 1_000_000
@@ -51,17 +50,6 @@ def tensor_bytes(arrays: Mapping[str, FloatArray], texts: Mapping[str, str]) -> 
     text = json.dumps(header, separators=(",", ":"), allow_nan=False).encode()
     text += b" " * (-len(text) % 8)
     return len(text).to_bytes(8, "little") + text + data
-
-
-def write_tensors(path: Path, arrays: Mapping[str, FloatArray], texts: Mapping[str, str]) -> None:
-    """Write a file, as a whole or not at all; see `tensor_bytes`.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
-    content = tensor_bytes(arrays, texts)
-    with replacing(path) as stream:
-        stream.write(content)
 
 
 def read_bytes(path: Path, largest: int) -> bytes:

@@ -18,7 +18,7 @@ from railenv.envs.rail_vector_env import Lateral17VectorEnv
 from railenv.envs.settings import EnvSettings
 from railenv.errors import ArgumentError
 from railenv.metrics.ride_filter import ride_index_from_mean_square
-from railenv.units import FloatArray, MetrePerSecondSquared, Second
+from railenv.units import FloatArray, Second
 
 DEV_POOL = 950_000
 """Seed of the development tracks; training takes its own from below, scoring from far above."""
@@ -130,11 +130,6 @@ class DevDrive:
         by_delay = power.reshape(len(self.delays), self._tracks, 2).mean(axis=1)
         gone = np.array([lanes.any() for lanes in diverged.reshape(len(self.delays), -1)])
         return by_delay.max(axis=1), gone
-
-
-def weighted(power: FloatArray) -> list[MetrePerSecondSquared]:
-    """Return the root mean square of mean squares."""
-    return [float(value) for value in np.sqrt(power)]
 
 
 def _sum_of_squares(index: FloatArray, periods: int) -> FloatArray:
