@@ -9,6 +9,7 @@ from railenv.errors import ArgumentError
 
 torch = pytest.importorskip("torch")
 
+from baselines.policies.torch_modules import policy_of  # noqa: E402
 from baselines.training.apg import AnalyticPolicyGradient  # noqa: E402
 from baselines.training.new_module import module_arrays  # noqa: E402
 from baselines.training.settings import TrainingSettings, settings_from  # noqa: E402
@@ -74,7 +75,7 @@ def test_cross_entropy_moves_the_gates_towards_the_gains_of_the_true_delay() -> 
 def test_cross_entropy_is_least_at_the_gates_of_the_true_delay() -> None:
     method = AnalyticPolicyGradient(settings({"gate_weight": 1.0}), 1, torch.float64)
     loss = method._gates
-    loss.begin(np.array([0.0, 0.025, 0.2]))
+    loss.begin(np.array([0.0, 0.025, 0.2]), np.ones(3))
     loss._age = 99
     wanted = torch.tensor([[1.0, 0.0, 0.0], [0.75, 0.25, 0.0], [0.0, 0.5, 0.5]])
     share = wanted.double().clamp(min=1e-300).requires_grad_()
@@ -92,12 +93,36 @@ def test_cross_entropy_is_least_at_the_gates_of_the_true_delay() -> None:
 def test_first_half_window_of_an_episode_says_nothing_of_the_gates() -> None:
     run = settings({"gate_weight": 1.0})
     loss = AnalyticPolicyGradient(run, 1)._gates
-    loss.begin(np.full(4, 0.2))
+    loss.begin(np.full(4, 0.2), np.ones(4))
     loss._module.log_gates = torch.log(torch.full((4, 3), 1.0 / 3.0))
     seen = [float(loss.of_period()) for _ in range(2 * SMALL["window"])]
     assert seen[: SMALL["window"] // 2] == [0.0] * (SMALL["window"] // 2)
     # Single precision.
     assert seen[SMALL["window"] // 2 :] == pytest.approx([np.log(3.0)] * 18, rel=1e-6)
+
+
+def test_quiet_lanes_are_taught_the_gains_for_rest() -> None:
+    policy = {**GATED, "rest_expert": True}
+    run = settings({"gate_weight": 1.0, "quietest": 0.01}, policy)
+    method = AnalyticPolicyGradient(run, 1, torch.float64)
+    loss = method._gates
+    # Amplitudes of all, a tenth, a hundredth: nothing, half and all of the set for rest.
+    loss.begin(np.full(3, 0.05), np.array([1.0, 0.1, 0.01]))
+    loss._age = 99
+    expected = [[0.5, 0.5, 0.0, 0.0], [0.25, 0.25, 0.0, 0.5], [0.0, 0.0, 0.0, 1.0]]
+    share = torch.tensor(expected, dtype=torch.float64).clamp(min=1e-300).requires_grad_()
+    method._module.log_gates = share.log()
+    value = loss.of_period()
+    assert float(value.detach()) == pytest.approx((3.0 * np.log(2.0) - 0.5 * np.log(2.0)) / 3.0)
+    # What the loud lane's gates say of its delay, the set for rest left out.
+    assert loss.delay_error() == pytest.approx(0.0, abs=1e-12)
+    at_rest = policy_of(method._module).gates_at_rest()
+    assert float(loss.at_rest().detach()) == pytest.approx(-np.log(at_rest[-1]), rel=1e-9)
+
+
+def test_without_a_set_for_rest_nothing_is_said_of_rest() -> None:
+    loss = AnalyticPolicyGradient(settings({"gate_weight": 1.0}), 1)._gates
+    assert float(loss.at_rest()) == 0.0
 
 
 @pytest.mark.slow
@@ -140,6 +165,7 @@ def test_what_does_not_go_with_the_class_is_refused(
     [
         ({**GATED, "experts": []}, "experts = .. does not fit class = 'gated'"),
         ({**LINEAR, "experts": [0.0]}, "experts = .0.0. does not fit class = 'linear'"),
+        ({**LINEAR, "rest_expert": True}, "rest_expert = true does not fit class = 'linear'"),
         ({**GATED, "experts": [0.1, 0.2]}, "must rise from 0"),
         ({**GATED, "experts": [0.0, 0.2, 0.2]}, "must rise from 0"),
         ({**GATED, "hidden": [3, 3]}, "one recurrent unit"),

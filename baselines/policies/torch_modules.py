@@ -114,6 +114,20 @@ class PolicyModule(nn.Module):
         weights = weights.scatter(1, lower[:, None], (1.0 - share)[:, None])
         return weights.scatter(1, lower[:, None] + 1, share[:, None])
 
+    def gains_at_rest(self, told: float) -> Tensor:
+        """Return the gains of the features near rest, with the graph, shape (actions, F) [1].
+
+        The base is not among them.
+
+        Args:
+            told: Told delay [s].
+
+        Raises:
+            ArgumentError: The policy near rest has states of its own.
+        """
+        share = self.hat(torch.tensor([told], dtype=self.weights.dtype))[0]
+        return torch.tensordot(share, self.weights, dims=1)
+
     def _linear(self, features: Tensor, told: Tensor) -> Tensor:
         knots, actions, _ = self.weights.shape
         each = features @ self.weights.reshape(knots * actions, -1).T
@@ -184,6 +198,19 @@ class NetworkModule(PolicyModule):
             inputs = torch.tanh(layer(inputs))
         return self.layers[-1](inputs)
 
+    def gains_at_rest(self, told: float) -> Tensor:
+        """See `PolicyModule.gains_at_rest`; the network's Jacobian at zero features is added."""
+        width = self.history.num_features
+        none = torch.zeros((1, width), dtype=self.weights.dtype)
+        value = self._with_told(none, torch.tensor([told], dtype=self.weights.dtype))
+        slope = torch.eye(value.shape[1], dtype=value.dtype)[:, :width]
+        for layer in self.layers[:-1]:
+            value = torch.tanh(layer(value))
+            weight: Tensor = layer.weight  # pyright: ignore
+            slope = (1.0 - value[0].square())[:, None] * (weight @ slope)
+        last: Tensor = self.layers[-1].weight  # pyright: ignore
+        return super().gains_at_rest(told) + last @ slope
+
     def _beside(
         self, features: Tensor, told: Tensor, hidden: Tensor
     ) -> tuple[Tensor | None, Tensor]:
@@ -221,6 +248,12 @@ class RecurrentModule(PolicyModule):
         self.bias_ih = nn.Parameter(torch.zeros(3 * units, dtype=dtype))
         self.bias_hh = nn.Parameter(torch.zeros(3 * units, dtype=dtype))
         self.readout = nn.Parameter(torch.zeros((history.num_actions, units), dtype=dtype))
+
+    def gains_at_rest(self, told: float) -> Tensor:  # noqa: ARG002
+        """Refuse: the unit is a state of the policy near rest, too."""
+        raise ArgumentError(
+            "a recurrent policy has states near rest, and no gains of its features alone"
+        )
 
     def _beside(
         self, features: Tensor, told: Tensor, hidden: Tensor

@@ -27,24 +27,24 @@ import torch
 from torch import Tensor
 
 from baselines.policies.gated_module import GatedModule
-from baselines.policies.linear import LinearPolicy
-from baselines.policies.torch_modules import LinearModule, PolicyModule, policy_of
+from baselines.policies.torch_modules import PolicyModule
 from baselines.training.adam_state import adam_arrays, set_adam
 from baselines.training.apg_settings import ApgSettings
 from baselines.training.gate_loss import gate_loss
+from baselines.training.guarded_loops import GuardedLoops
 from baselines.training.imitation import Imitation, linear_part
 from baselines.training.method import Arrays, Plain, episode_seed
 from baselines.training.new_module import module_arrays, new_module, set_module
 from baselines.training.past import Past
+from baselines.training.quiet_lanes import QuietLanes
 from baselines.training.settings import TrainingSettings
-from baselines.training.stability_guard import GuardedDelays, StabilityGuard
 from baselines.training.told_draws import DelayLaw
 from baselines.training.training_twin import TrainingTwin
 from railenv.errors import ArgumentError
 
 _GAINS = ("weights", "experts")
-_GUARD = 1
-# Tells the guard's random stream from that of the delays.
+_GUARD, _QUIET = 1, 2
+# Tell the random streams of the guard and of the amplitudes from that of the delays.
 
 
 class AnalyticPolicyGradient:
@@ -62,7 +62,7 @@ class AnalyticPolicyGradient:
     Raises:
         ArgumentError: The environment's delays are no plain range, the policy's base is not
             static, or the policy is a gated one and imitation is asked for, or it is none and has
-            a gate_weight, or it is not linear and has a growth_weight.
+            a gate_weight, or it is recurrent and has a growth_weight.
     """
 
     name = "apg"
@@ -97,7 +97,11 @@ class AnalyticPolicyGradient:
         self._adam = torch.optim.Adam(self._groups(), lr=hyper.learning_rate)
         self._gates = gate_loss(self._module, settings) if hyper.gate_weight > 0.0 else None
         self._gate_row = [0.0, 0.0]
-        self._guard = self._new_guard() if hyper.growth_weight > 0.0 else None
+        self._quiet = QuietLanes(hyper.quiet_share, hyper.quietest)
+        self._guard: GuardedLoops | None = None
+        if hyper.growth_weight > 0.0:
+            d, vehicle = self._delays, self._twin.vehicle
+            self._guard = GuardedLoops(settings, self._module, vehicle, d.low, d.high)
         self.steps = 0
 
     def _check_imitation(self) -> None:
@@ -148,7 +152,10 @@ class AnalyticPolicyGradient:
             loss, power, effort = self.window_loss()
             self._adam.zero_grad()
             loss.backward()
-            growth = self._push_back()
+            growth = 0.0
+            if self._guard is not None:
+                stream = np.random.default_rng([self._seed, self.steps, _GUARD])
+                growth = self._guard.push(stream)
             norm = torch.nn.utils.clip_grad_norm_(self._weights.values(), hyper.gradient_norm)
             usable = bool(torch.isfinite(norm))
             if usable:
@@ -176,36 +183,6 @@ class AnalyticPolicyGradient:
             **({} if self._gates is None else {"gate_entropy": mean[7], "delay_error": mean[8]}),
         }
 
-    def _new_guard(self) -> StabilityGuard:
-        hyper, environment = self._hyper, self._settings.environment
-        if not isinstance(self._module, LinearModule):
-            raise ArgumentError(
-                f"growth_weight = {hyper.growth_weight:g} is for linear policies, whose loops the "
-                'oracle knows everywhere; give 0 or class = "linear"'
-            )
-        told_error = environment.told_error if self._settings.history().is_told else 0.0
-        guarded = GuardedDelays(
-            self._delays.low,
-            self._delays.high,
-            told_error,
-            hyper.growth_margin,
-            hyper.growth_looks,
-        )
-        return StabilityGuard(self._twin.vehicle, environment.actuator(), guarded)
-
-    def _push_back(self) -> float:
-        """Add the guard's gradient to the loss's; return the largest growth rate it saw [1/s]."""
-        if self._guard is None:
-            return 0.0
-        policy = policy_of(self._module)
-        assert isinstance(policy, LinearPolicy)
-        generator = np.random.default_rng([self._seed, self.steps, _GUARD])
-        largest, gradient = self._guard.gradient(policy, generator)
-        weights = self._module.weights
-        assert weights.grad is not None
-        weights.grad += torch.tensor(self._hyper.growth_weight * gradient, dtype=self._dtype)
-        return largest
-
     def _imitate(self) -> None:
         """Give the linear path the weights that imitation finds."""
         teacher = Imitation(linear_part(self._settings, self._hyper.imitation_effort), self._seed)
@@ -224,8 +201,11 @@ class AnalyticPolicyGradient:
         self._reading = self._twin.start(number, delay)
         self._told = torch.tensor(told, dtype=self._dtype)
         self._past.forget()
+        stream = np.random.default_rng([self._seed, self.steps, _QUIET])
+        amplitude = self._quiet.draw(self._hyper.lanes, stream)
+        self._amplitude = torch.tensor(amplitude, dtype=self._dtype)[:, None]
         if self._gates is not None:
-            self._gates.begin(delay)
+            self._gates.begin(delay, amplitude)
         with torch.no_grad():
             self._hidden = self._module.initial_hidden(self._hyper.lanes, self._told)
 
@@ -240,10 +220,11 @@ class AnalyticPolicyGradient:
         power, effort, entropy = (torch.zeros((), dtype=self._dtype) for _ in range(3))
         for _ in range(hyper.window):
             features = self._past.observe(self._reading)
-            action, self._hidden = self._module(features, self._told, self._hidden)
+            seen = features * self._amplitude
+            action, self._hidden = self._module(seen, self._told, self._hidden)
             if self._gates is not None:
                 entropy = entropy + self._gates.of_period() / hyper.window
-            action = action.clamp(-1.0, 1.0)
+            action = action.clamp(-1.0, 1.0) / self._amplitude
             self._past.remember(action)
             self._reading, ends = self._twin.advance(action)
             power = power + ends / hyper.window
@@ -252,7 +233,7 @@ class AnalyticPolicyGradient:
         cost = both + hyper.worse_end_weight * (power.amax(dim=1) - both)
         loss = torch.log(cost + hyper.soft**2).mean() + hyper.effort_weight * effort
         if self._gates is not None:
-            loss = loss + hyper.gate_weight * entropy
+            loss = loss + hyper.gate_weight * (entropy + self._gates.at_rest())
             self._gate_row = [float(entropy.detach()), self._gates.delay_error()]
         return loss, power, effort.detach()
 
@@ -281,7 +262,7 @@ class AnalyticPolicyGradient:
         arrays.update({f"average.{k}": v for k, v in module_arrays(self._average).items()})
         arrays.update(adam_arrays(self._adam, self._weights))
         if self._guard is not None:
-            arrays["watched"] = self._guard.watched.copy()
+            arrays.update(self._guard.state())
         return arrays, {"steps": self.steps}
 
     def restore(self, arrays: Arrays, plain: Plain) -> None:
@@ -291,5 +272,5 @@ class AnalyticPolicyGradient:
             set_module(module, own)
         set_adam(self._adam, self._weights, arrays)
         if self._guard is not None:
-            self._guard.watched = arrays["watched"].copy()
+            self._guard.restore(arrays)
         self.steps = int(plain["steps"])

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from baselines.training.quiet_lanes import QuietLanes
 from baselines.training.told_draws import DelayLaw
 from railenv.errors import ArgumentError, check_count, check_not_negative, check_positive
 from railenv.units import Dimensionless, MetrePerSecondSquared, PerSecond, Second
@@ -29,16 +30,21 @@ class ApgSettings:
         longest_share: Share of the lanes at the longest delay [1].
         edge_share: Share of the lanes right beside a whole control period, told at an extreme; see
             `baselines.training.told_draws` [1].
+        gate_error: Of a gated policy the guard watches the gains at rest, and those of the gates
+            that are right for a delay to within this error [s].
         gate_weight: Weight of the cross entropy between the gates of a gated policy and those of
             the true delay, see `baselines.training.gate_loss`; the first half window of an episode
             does not count [1].
+        quiet_share: Share of the lanes on a quieter track, see `baselines.training.quiet_lanes`;
+            of no use to a linear policy, to which all amplitudes are alike [1].
+        quietest: Smallest amplitude of a quiet lane [1].
         unit_rate: Learning rate of all that is no gain of a feature (networks, recurrent units,
             readouts), as a share of the gains' own [1].
         imitation_rounds: Rounds of `baselines.training.imitation` that give the linear path its
             first weights; their lane-steps count; 0 to begin at zero.
         imitation_effort: Effort of the expert in these rounds [(m/s^2)^2].
         growth_weight: Weight of what growth rates exceed -growth_margin by, see
-            `baselines.training.stability_guard`; linear policies only; 0 for no guard [s].
+            `baselines.training.stability_guard`; not for recurrent policies; 0 for no guard [s].
         growth_margin: Growth rates up to minus this are left alone [1/s].
         growth_looks: New pairs of true and told delay looked at in every window.
 
@@ -63,7 +69,10 @@ class ApgSettings:
     growth_weight: Second = 0.0
     growth_margin: PerSecond = 0.05
     growth_looks: int = 4
+    gate_error: Second = 0.005
     gate_weight: Dimensionless = 0.0
+    quiet_share: Dimensionless = 0.0
+    quietest: Dimensionless = 0.1
     unit_rate: Dimensionless = 1.0
     imitation_rounds: int = 0
     imitation_effort: Dimensionless = 1e-2
@@ -77,6 +86,7 @@ class ApgSettings:
         for name in ("final_learning_rate", "effort_weight", "worse_end_weight", "averaging"):
             check_not_negative(name, getattr(self, name))
         check_not_negative("gate_weight", self.gate_weight)
+        check_not_negative("gate_error", self.gate_error, "seconds")
         check_not_negative("growth_weight", self.growth_weight)
         check_positive("growth_margin", self.growth_margin)
         check_count("growth_looks", self.growth_looks)
@@ -88,7 +98,8 @@ class ApgSettings:
             raise ArgumentError(
                 f"averaging = {self.averaging:g} keeps the first weights for ever; give less than 1"
             )
-        # Its checks are ours.
+        # Their checks are ours.
+        QuietLanes(self.quiet_share, self.quietest)
         DelayLaw(
             0.0,
             0.0,

@@ -9,6 +9,11 @@ entropy
 
 whose minimum, at g = hat, is the entropy of the hat and not zero. While the policy drives it sees
 nothing of this: the delay stays hidden.
+
+On a quiet track there is little to see the delay by, and at rest nothing. A set of gains beyond
+those of the delays, the one for rest, is what the gates should choose there: a lane of amplitude
+alpha (`baselines.training.quiet_lanes`) is taught the mixture of both in which that set has the
+share log(alpha) / log(alpha_min), and the gates at rest are taught that set alone.
 """
 
 import dataclasses
@@ -21,7 +26,7 @@ from baselines.policies.gated_module import GatedModule
 from baselines.policies.torch_modules import PolicyModule
 from baselines.training.settings import TrainingSettings
 from railenv.errors import ArgumentError
-from railenv.units import FloatArray, Second
+from railenv.units import Dimensionless, FloatArray, Second
 
 
 class GateLoss:
@@ -29,7 +34,9 @@ class GateLoss:
 
     Args:
         module: The policy that learns.
-        delays: Delays that its sets of gains belong to, rising from 0 [s].
+        delays: Delays that its sets of gains belong to, rising from 0; if there is one set more
+            than delays, the last one is for rest [s].
+        quietest: Amplitude at and below which the set for rest alone is right [1].
         pause: Control periods at the start of an episode that do not count; nobody knows a delay
             before its effect is seen.
 
@@ -37,27 +44,47 @@ class GateLoss:
         ArgumentError: There is not one delay per set of gains.
     """
 
-    def __init__(self, module: GatedModule, delays: tuple[Second, ...], pause: int) -> None:
+    def __init__(
+        self,
+        module: GatedModule,
+        delays: tuple[Second, ...],
+        pause: int,
+        quietest: Dimensionless = 0.1,
+    ) -> None:
         number = len(module.experts)
-        if len(delays) != number:
+        if len(delays) not in (number, number - 1):
             raise ArgumentError(
-                f"experts has {len(delays)} delays for {number} sets of gains; give one each"
+                f"experts has {len(delays)} delays for {number} sets of gains; give one each, or "
+                "one less for a set for rest"
             )
-        self._module, self._pause = module, pause
+        self._module, self._pause, self._quietest = module, pause, quietest
+        self._rests = len(delays) < number
         self._delays = torch.tensor(delays, dtype=module.experts.dtype)
         self._knots = dataclasses.replace(module.history, told_knots=delays)
-        self.begin(np.zeros(0))
+        self.begin(np.zeros(0), np.zeros(0))
 
-    def begin(self, delay: FloatArray) -> None:
+    def begin(self, delay: FloatArray, amplitude: FloatArray) -> None:
         """Begin an episode.
 
         Args:
             delay: True delay of every lane, shape (lanes,) [s].
+            amplitude: Of every lane's motion, shape (lanes,) [1].
         """
         dtype = self._delays.dtype
         self._true = torch.tensor(delay, dtype=dtype)
-        self._wanted = torch.tensor(self._knots.hat(delay), dtype=dtype)
+        wanted = self._knots.hat(delay)
+        if self._rests:
+            quiet = np.clip(np.log(amplitude) / np.log(self._quietest), 0.0, 1.0)[:, None]
+            wanted = np.hstack([(1.0 - quiet) * wanted, quiet])
+        self._wanted = torch.tensor(wanted, dtype=dtype)
+        self._loud = torch.tensor(amplitude == 1.0)
         self._age = 0
+
+    def at_rest(self) -> Tensor:
+        """Return the cross entropy of the gates at rest; zero without a set for rest."""
+        if not self._rests:
+            return torch.zeros((), dtype=self._delays.dtype)
+        return -self._module.gates_at_rest()[-1]
 
     def of_period(self) -> Tensor:
         """Return the cross entropy of the policy's last step, the lanes' mean; zero in the pause.
@@ -70,10 +97,11 @@ class GateLoss:
         return -(self._wanted * self._module.log_gates).sum(dim=1).mean()
 
     def delay_error(self) -> float:
-        """Return how far off the last gates' mean delay is, the lanes' median [s]."""
+        """Return how far off the last gates' mean delay is, the median of the loud lanes [s]."""
         with torch.no_grad():
-            found = self._module.log_gates.exp() @ self._delays
-        return float((found - self._true).abs().median())
+            gates = self._module.log_gates.exp()[self._loud, : len(self._delays)]
+            found = gates @ self._delays / gates.sum(dim=1)
+        return float((found - self._true[self._loud]).abs().median())
 
 
 def gate_loss(module: PolicyModule, settings: TrainingSettings) -> GateLoss:
@@ -92,4 +120,4 @@ def gate_loss(module: PolicyModule, settings: TrainingSettings) -> GateLoss:
             f"gate_weight = {hyper.gate_weight:g} is for class = 'gated'; a policy of "
             f"class = {policy.kind!r} has no gates, leave it out"
         )
-    return GateLoss(module, policy.experts, hyper.window // 2)
+    return GateLoss(module, policy.experts, hyper.window // 2, hyper.quietest)

@@ -7,8 +7,9 @@ reward would not do: growth at 0.2 1/s is invisible within seconds and ends in a
 
 Growth rates are computed from the policy linearised at rest and prove nothing; for a network they
 are local besides. The gates of a gated policy at rest are not those in motion, so that its law at
-rest says little; it is judged by the laws of the gates that it has at each delay on a drive
-(`baselines.training.gates_in_motion`), as if they stood still, and a judgement says so.
+rest says little of motion; it is judged by the laws of the gates that it has at each delay on a
+drive (`baselines.training.gates_in_motion`), as if they stood still, and by the law at rest: the
+larger growth rate counts, and a judgement says so.
 
 For the reader the judge has references: the best sky-hook gain of every delay
 (of a grid) and the sharp LQG designed for it, without preview.
@@ -55,8 +56,8 @@ class Judgement:
         ride_index: Estimated ride index at the worse floor end, by delay, told the true delay.
         diverged: Delays at which a drive left the gauge or diverged.
         cost: Mean over the delays of the logarithm of the worse end's weighted power in (m/s^2)^2.
-        gates_of_drive: Whether `growth` is of a gated policy with the gates of a drive; otherwise
-            it is of the law at rest.
+        gates_of_drive: Whether `growth` is of a gated policy, the larger one with the gates of a
+            drive and with those at rest; otherwise it is of the law at rest.
     """
 
     delays: tuple[float, ...]
@@ -92,7 +93,7 @@ class Judgement:
         )
         span = f"{1e3 * self.delays[0]:g} to {1e3 * self.delays[-1]:g} ms"
         verdict = "stable" if self.stable else "NOT STABLE"
-        law = " with the gates of the drive" if self.gates_of_drive else ""
+        law = " with the gates of the drive or at rest" if self.gates_of_drive else ""
         return (
             f"{verdict}: worst growth {self.worst_growth:.3g} 1/s{law}; "
             f"ride index at {span}: {indices}"
@@ -147,7 +148,10 @@ class Judge:
         growth: list[tuple[float, ...]] = []
         for error in errors:
             laws, gone = self._laws(policy, error)
-            growth.append(self._growths(laws))
+            rates = self._rates(laws)
+            if isinstance(policy, GatedPolicy):
+                rates = np.maximum(rates, self._rates(self._at_rest(policy, error)))
+            growth.append(tuple(float(rates[near].max()) for near in self._nearest()))
             diverged |= np.array([gone[near].any() for near in self._nearest()])
         return Judgement(
             delays=self._chosen.delays,
@@ -195,14 +199,22 @@ class Judge:
 
         A told delay is never negative.
         """
-        told = [max(float(look) + error, 0.0) for look in self._looks]
         if not isinstance(policy, GatedPolicy):
-            return [policy.law_at(delay) for delay in told], np.zeros(len(told), dtype=bool)
+            return self._at_rest(policy, error), np.zeros(len(self._looks), dtype=bool)
+        told = self._told(error)
         if self._gate_drive is None:
             self._gate_drive = GateDrive(self._environment, self._chosen, self._looks)
         gates, gone = self._gate_drive.gates(policy, error)
         pairs = zip(gates, told, strict=True)
         return [policy.law_with(row, delay) for row, delay in pairs], gone
+
+    def _at_rest(self, policy: HistoryPolicy, error: float) -> list[LinearDynamic]:
+        if not policy.history.is_told:
+            return [policy.law_at(0.0)] * len(self._looks)
+        return [policy.law_at(delay) for delay in self._told(error)]
+
+    def _told(self, error: float) -> list[float]:
+        return [max(float(look) + error, 0.0) for look in self._looks]
 
     def _nearest(self) -> list[NDArray[np.bool_]]:
         """Which looks are nearest to each judged delay."""
@@ -210,11 +222,10 @@ class Judge:
         nearest = np.abs(self._looks[:, None] - delays).argmin(axis=1)
         return [nearest == place for place in range(len(delays))]
 
-    def _growths(self, laws: list[LinearDynamic]) -> tuple[float, ...]:
-        """Growth rates of the linearised loop by judged delay [1/s]."""
+    def _rates(self, laws: list[LinearDynamic]) -> FloatArray:
+        """Growth rates of the linearised loop at every look [1/s]."""
         pairs = zip(laws, self._looks, strict=True)
-        rates = np.array([self._growth(law, float(look)) for law, look in pairs])
-        return tuple(float(rates[near].max()) for near in self._nearest())
+        return np.array([self._growth(law, float(look)) for law, look in pairs])
 
     def _growth(self, law: LinearDynamic, delay: float) -> float:
         """Growth rate of the linearised loop on both sides of a delay [1/s]."""

@@ -40,7 +40,7 @@ def new_module(
     if policy.kind == "recurrent":
         return RecurrentModule(history, policy.hidden[0], base=base, seed=seed, dtype=dtype)
     if policy.kind == "gated":
-        units, number = policy.hidden[0], len(policy.experts)
+        units, number = policy.hidden[0], len(policy.experts) + int(policy.rest_expert)
         return GatedModule(history, units, number, base=base, seed=seed, dtype=dtype)
     return LinearModule(history, base=base, seed=seed, dtype=dtype)
 

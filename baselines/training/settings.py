@@ -45,6 +45,7 @@ class PolicySettings:
         hidden: Sizes of the hidden layers of a network; of the recurrent unit for "recurrent" and
             "gated".
         experts: Delays that the sets of gains of a "gated" policy belong to, rising from 0 [s].
+        rest_expert: Whether a "gated" policy has one more set of gains, for rest and quiet tracks.
         base: SPEC of a linear law whose action is added, e.g. "skyhook:gain=4e3"; "" for none.
     """
 
@@ -59,6 +60,7 @@ class PolicySettings:
     action_scale: Newton = DEFAULT_ACTION_SCALE
     hidden: tuple[int, ...] = ()
     experts: tuple[Second, ...] = ()
+    rest_expert: bool = False
     base: str = ""
 
     def __post_init__(self) -> None:
@@ -83,6 +85,10 @@ class PolicySettings:
             raise ArgumentError(
                 f"experts = {list(self.experts)} does not fit class = {self.kind!r}; give the "
                 "delays that the sets of gains belong to to a gated policy, and none to another"
+            )
+        if self.rest_expert and self.kind != "gated":
+            raise ArgumentError(
+                f"rest_expert = true does not fit class = {self.kind!r}; it is for gated policies"
             )
         delays = [check_not_negative("experts", delay, "seconds") for delay in self.experts]
         if delays and (delays[0] != 0.0 or delays != sorted(set(delays))):

@@ -1,4 +1,4 @@
-"""Keeps a linear policy's loops stable while something else is optimised.
+"""Keeps a policy's loops stable near rest while something else is optimised.
 
 Simulated windows do not show every instability: one that is confined to a strip of delays of some
 tens of microseconds, or told at the edge of the error, is met by no lane, and one below the comfort
@@ -12,15 +12,25 @@ With features x = phi(z) a z^k of a motion a z^k of the actions, the loop closes
 
 Hence dz = -(l dW phi a) / (l W phi' a), and the growth rate ln|z| / T has the gradient
 Re(dz / z) / T (Stewart and Sun, Matrix Perturbation Theory, 1990, for simple eigenvalues).
+
+W are the gains of the policy near rest: for a linear policy those everywhere, for a network with
+its Jacobian, for a gated policy those of the gates at rest (and, besides, those of the gates that
+would be right in motion). They are functions of the weights, and the gradient goes on into these by
+automatic differentiation.
 """
 
+import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from scipy import linalg
+from torch import Tensor
 
-from baselines.controller import plant_seen
+from baselines.controller import Controller, plant_seen
 from baselines.policies.base_law import BaseLaw, spread_of
+from baselines.policies.history import History
 from baselines.policies.linear import LinearPolicy
 from railenv.actuation import ActuatorSpec
 from railenv.actuation.hold import held_input
@@ -67,7 +77,7 @@ class GuardedDelays:
 
 
 class StabilityGuard:
-    """Growth rates of a linear policy around a vehicle, and their gradients.
+    """Growth rates of a policy around a vehicle, and their gradients.
 
     Args:
         vehicle: The vehicle.
@@ -84,26 +94,38 @@ class StabilityGuard:
         self._vehicle, self._actuator, self._guarded = vehicle, actuator, guarded
         self.watched: FloatArray = np.zeros((0, 2))
 
-    def gradient(
-        self, policy: LinearPolicy, generator: np.random.Generator
-    ) -> tuple[float, FloatArray]:
+    def slope(
+        self,
+        history: History,
+        gains_of: Callable[[float], Tensor],
+        base: Controller | None,
+        generator: np.random.Generator,
+    ) -> tuple[float, Tensor]:
         """Look at some pairs of delays.
 
         Args:
-            policy: The policy; its base, if any, must be static.
+            history: What the policy sees; if it is told no delay, its gains are always the same.
+            gains_of: Gains of the features for a told delay [s], with the graph, in double
+                precision, shape (actions, F) [1].
+            base: Classical law whose action is added; static, or None.
             generator: Chooses the pairs.
 
         Returns:
-            The largest growth rate that was seen [1/s], and the gradient of the sum of what rates
-            exceed -margin by, shape (knots, actions, F).
+            The largest growth rate that was seen [1/s], and a number whose gradient with respect
+            to the weights is that of the sum of what rates exceed -margin by; its value means
+            nothing.
+
         """
-        pairs = np.vstack([self.watched, self._drawn(policy, generator)])
-        total, rates = np.zeros(policy.weights.shape), np.zeros(len(pairs))
+        pairs = np.vstack([self.watched, self._drawn(history, generator)])
+        rates, total = np.zeros(len(pairs)), torch.zeros((), dtype=torch.float64)
+        alone = dataclasses.replace(history, told_knots=())
+        untold = None if history.is_told else gains_of(0.0)
         for place, (delay, told) in enumerate(pairs):
-            rates[place], own = self.growth(policy, delay, told)
+            gains = gains_of(told) if untold is None else untold
+            law = LinearPolicy(alone, gains.detach().numpy()[None], base=base)
+            rates[place], own = self.growth(law, delay, told)
             if rates[place] > -self._guarded.margin:
-                hat = policy.history.hat(np.array([told]))[0]
-                total += hat[:, None, None] * own
+                total = total + (torch.tensor(own) * gains).sum()
         worst_first = np.argsort(-rates)[: self._guarded.looks]
         self.watched = pairs[worst_first]
         return float(rates.max()), total
@@ -160,16 +182,16 @@ class StabilityGuard:
         parts += [np.eye(history.num_actions) * z**-age for age in history.action_lags]
         return np.vstack(parts).astype(np.complex128)
 
-    def _drawn(self, policy: LinearPolicy, generator: np.random.Generator) -> FloatArray:
+    def _drawn(self, history: History, generator: np.random.Generator) -> FloatArray:
         """Draw pairs: beside a whole period or anywhere, told at an extreme, a knot or inside.
 
         At a knot the gains are those of the knot alone, a corner of what interpolation reaches.
         """
-        guarded, T, n = self._guarded, policy.control_period, self._guarded.looks
+        guarded, T, n = self._guarded, history.control_period, self._guarded.looks
         delay = generator.uniform(guarded.low, guarded.high, n)
         share = np.clip(generator.uniform(-2.0, 2.0, n), -1.0, 1.0)
-        knots = np.array(policy.history.told_knots or (0.0,))
-        at_knot = (generator.random(n) < _AT_KNOT) & policy.history.is_told
+        knots = np.array(history.told_knots or (0.0,))
+        at_knot = (generator.random(n) < _AT_KNOT) & history.is_told
         knot = generator.choice(knots, n)
         delay = np.where(at_knot, knot - guarded.told_error * share, delay)
         whole = np.round(delay / T) * T
