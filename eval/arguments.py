@@ -27,6 +27,7 @@ from railenv.errors import (
 )
 from railenv.files import make_folder
 from railenv.vehicle import LateralVehicle, lateral17
+from railenv.vehicle.coordinates import parse_layout
 from railenv.vehicle.nonlinear import ContactSettings, full50
 
 MODELS = {
@@ -48,8 +49,32 @@ def parse_loop(options: argparse.Namespace) -> tuple[Controller, LateralVehicle]
     ):
         # A trained policy acts at a period of its own.
         options.control_period = Default(repr(controller.control_period))
-    layout = getattr(controller, "layout", options.layout)
+    layout = layout_of(options.controller, controller, options.layout)
     return controller, lateral17(options.vehicle, layout, speed)
+
+
+def layout_of(spec: str, controller: object, layout: str) -> str:
+    """Return the layout that is run: the controller's own, or that of --layout if it has none.
+
+    Args:
+        spec: Names the controller in messages.
+        controller: The controller.
+        layout: What --layout says; a `Default` if it was left out.
+
+    Raises:
+        ArgumentError: --layout was typed and the controller acts on another one.
+    """
+    own = getattr(controller, "layout", None)
+    if own is None:
+        return layout
+    # Without actuators nothing acts, and every layout is as good.
+    typed = not getattr(layout, "is_default", False) and own != "passive"
+    if typed and parse_layout(layout) != str(own):
+        raise ArgumentError(
+            f"layout = {str(layout)!r} is given, and {spec!r} acts on layout {str(own)!r}, its own;"
+            f" drop --layout, or give a controller for layout {str(layout)!r}"
+        )
+    return str(own)
 
 
 def parse_run(options: argparse.Namespace) -> tuple[Controller, Vehicle]:
@@ -80,7 +105,7 @@ def parse_run(options: argparse.Namespace) -> tuple[Controller, Vehicle]:
         )
     speed = parse_number("speed_kmh", options.speed_kmh)
     controller = make_controller(options.controller, options.layout, options.vehicle, speed)
-    layout = getattr(controller, "layout", options.layout)
+    layout = layout_of(options.controller, controller, options.layout)
     return controller, full50(options.vehicle, layout, speed, ContactSettings(**typed))
 
 
@@ -154,6 +179,12 @@ def parse_output(text: str | None, endings: tuple[str, ...]) -> Path | None:
         raise OutputError(f"cannot write {path}: it is a folder")
     make_folder(path.parent)
     return path
+
+
+def folder_name(path: str | Path) -> str:
+    """Return the last part of a path; of one that ends in . or .., that of the folder meant."""
+    name = Path(path).name
+    return (Path(path).resolve().name if name in ("", "..") else name) or str(path)
 
 
 @contextmanager

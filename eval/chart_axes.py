@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from baselines import make_controller, registered_controllers
-from eval.arguments import parse_number, parse_whole
+from eval.arguments import layout_of, parse_number, parse_whole
 from eval.chart_plot import AxisText
 from eval.stability_answers import delay_system
 from railenv.actuation import ActuatorSpec
@@ -121,7 +121,7 @@ def varied_loop(options: argparse.Namespace, axes: tuple[Axis, ...]) -> VariedLo
             "a linear one"
         )
     lag = ActuatorSpec(lag=parse_number("actuator_lag", options.actuator_lag)).lag
-    layout = str(getattr(controller, "layout", options.layout))
+    layout = str(layout_of(options.controller, controller, options.layout))
     return VariedLoop(options.controller, layout, options.vehicle, speed, lag, axes)
 
 

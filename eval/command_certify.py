@@ -20,6 +20,7 @@ from eval.arguments import (
 from eval.families import parse_family
 from eval.loops import is_typed, parse_linear_loop, parse_sampled_loop
 from eval.stability_answers import is_sampled_only, words_of_rest
+from eval.told_delay import check_can_be_told
 from railenv.errors import ArgumentError, RailenvError
 from railenv.stability import (
     Certificate,
@@ -59,6 +60,8 @@ def command_certify(options: argparse.Namespace) -> int:
         text = getattr(options, name)
         if text is not None:
             settings[name] = parse_number(name, text)
+    if "told_error" in settings:
+        _check_told(options, loop, settings["told_error"])
     if options.common_jitter:
         settings["common_jitter"] = True
     if options.max_tests is not None:
@@ -117,6 +120,17 @@ def _history_loop(options: argparse.Namespace) -> FiniteHistoryLoop | None:
         return None
     stepping = parse_stepping(options)
     return to_history_loop(controller, vehicle, stepping.control_period, stepping.actuator)
+
+
+def _check_told(options: argparse.Namespace, loop: Any, told_error: float) -> None:
+    """Raise `ArgumentError` if a told error is given and nothing in the loop is told a delay."""
+    if options.controller is not None:
+        check_can_be_told(parse_loop(options)[0], told_error, options.controller)
+    elif isinstance(loop, SampledLoop) and loop.told is None and told_error != 0.0:
+        raise ArgumentError(
+            f"told_error = {told_error:g} s has no effect on {options.system!r}, whose controller "
+            "is not told the delay; leave it out"
+        )
 
 
 def _title(options: argparse.Namespace, vehicle: LateralVehicle | None) -> str:

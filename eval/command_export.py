@@ -1,6 +1,7 @@
 """`railenv export` and `railenv convert-sb3`: policies on their way out and in."""
 
 import argparse
+import shlex
 from pathlib import Path
 
 from baselines import make_controller
@@ -41,7 +42,8 @@ def command_convert_sb3(options: argparse.Namespace) -> None:
         raise ArgumentError(
             'torch is not installed; pip install "railenv[train]", which brings it'
         ) from None
-    command = f"railenv convert-sb3 {options.file} --config {options.config} --out {options.out}"
+    words = ["railenv", options.command, options.file]
+    command = shlex.join([*words, "--config", options.config, "--out", options.out])
     card = {
         "description": f"converted from {Path(options.file).name} of stable-baselines3",
         "training": {"command": command},
@@ -65,4 +67,5 @@ def command_convert_sb3(options: argparse.Namespace) -> None:
     shown = ", ".join(format(value, ".3g") for value in rest)
     print(f"  action at rest, taken off: {shown} of {found.policy.action_scale:g} N")
     print("  a file of VecNormalize, if there was one, is not part of it: train without")
-    print(f"  next: railenv simulate --controller {options.out} --track german_low --delay 0.1")
+    out = shlex.quote(options.out)
+    print(f"  next: railenv simulate --controller {out} --track german_low --delay 0.1")

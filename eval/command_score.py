@@ -17,7 +17,15 @@ from baselines.policies import LinearPolicy
 from baselines.policies.folder import is_policy, load_card, save_trained
 from baselines.policies.policy import HistoryPolicy
 from baselines.policies.shipped import shipped_folder, shipped_names
-from eval.arguments import parse_output, parse_whole, print_json, progress_bar
+from eval.arguments import (
+    folder_name,
+    layout_of,
+    parse_output,
+    parse_whole,
+    print_json,
+    progress_bar,
+)
+from eval.loops import is_typed
 from eval.policy_score import QUICK, Depth, score
 from eval.policy_score_card import MEASURED, recipe_of, reproduced, scored_card
 from eval.policy_score_runs import Trial
@@ -26,7 +34,6 @@ from eval.records import provenance, write_text
 from railenv.errors import ArgumentError, check_count
 from railenv.files import make_folder
 
-_LAYOUT = "4"
 _NOT_REPRODUCED = 1
 
 
@@ -39,7 +46,9 @@ def command_score(options: argparse.Namespace) -> int:
     specs = list(dict.fromkeys(options.policy))
     if options.learning_curve is not None:
         return _learning_curve(options, specs)
-    policies = [(spec, make_controller(spec, _LAYOUT)) for spec in specs]
+    policies = [(spec, make_controller(spec, options.layout)) for spec in specs]
+    for spec, each in policies:
+        layout_of(spec, each, options.layout)
     if options.check:
         return _check(options, policies)
     start = time.perf_counter()
@@ -144,7 +153,7 @@ def _words(options: argparse.Namespace) -> Generator[Callable[[str], None], None
 
 def short_names(specs: Sequence[str]) -> dict[str, str]:
     """Return what the table calls each SPEC: a folder's own name where no other is called so."""
-    short = {spec: spec if policy_place(spec) is None else Path(spec).name for spec in specs}
+    short = {spec: spec if policy_place(spec) is None else folder_name(spec) for spec in specs}
     often = [*short.values()]
     return {spec: name if often.count(name) == 1 else spec for spec, name in short.items()}
 
@@ -177,11 +186,12 @@ def _kept(spec: str, policy: Controller) -> tuple[HistoryPolicy, Path]:
 def _next(options: argparse.Namespace, specs: Sequence[str]) -> str:
     """Return the command to try next."""
     spec = shlex.quote(specs[0])
+    layout = f" --layout {options.layout}" if is_typed(options, "layout") else ""
     if options.quick:
-        return f"railenv score {' '.join(map(shlex.quote, specs))}"
+        return f"railenv score {' '.join(map(shlex.quote, specs))}{layout}"
     policy = make_controller(specs[0])
     if not isinstance(policy, LinearPolicy):
-        return f"railenv simulate --controller {spec} --delay 0.1 --track german_low"
+        return f"railenv simulate --controller {spec}{layout} --delay 0.1 --track german_low"
     error = " --told-error 0.02" if policy.history.is_told else ""
     return (
         f"railenv certify --controller {spec} --control-period {policy.control_period:g} "

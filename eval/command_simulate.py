@@ -113,7 +113,7 @@ def command_simulate(options: argparse.Namespace) -> None:
     delays = delays[: vehicle.num_actuators]
     noise = check_not_negative("sensor_noise", parse_number("sensor_noise", options.sensor_noise))
     told_error = parse_number("told_error", options.told_error)
-    check_can_be_told(controller, told_error)
+    check_can_be_told(controller, told_error, options.controller)
     stepping = replace(parse_stepping(options), sensor_noise=noise, told_error=told_error)
     plot = parse_output(options.plot, (".png", ".svg", ".pdf"))
     out = parse_output(options.out, (".npz",))

@@ -3,6 +3,7 @@
 import argparse
 import shlex
 import sys
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +14,8 @@ from railenv.config import config_path
 from railenv.errors import ArgumentError, check_count
 
 if TYPE_CHECKING:
+    from baselines.training.outcome import Outcome
     from baselines.training.settings import TrainingSettings
-    from baselines.training.trainer import Outcome
 
 _TRAINING_PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "optuna")
 
@@ -42,13 +43,14 @@ def command_train(options: argparse.Namespace) -> None:
             command=_repeating_command(options),
             origin=_origin(),
             watch=watch,
-            warn=_warn,
+            warn=partial(_warn, options),
         )
         try:
             outcome = trainer.run(options.resume)
         except KeyboardInterrupt:
             bar.close()
-            _say(f"go on with: {_repeating_command(options)} --out {folder} --resume")
+            out = shlex.quote(str(folder))
+            _say(options, f"go on with: {_repeating_command(options)} --out {out} --resume")
             raise
     if options.json:
         print_json(_plain(outcome))
@@ -63,7 +65,7 @@ def command_search(options: argparse.Namespace) -> None:
     path, settings = _settings(options)
     trials = _whole_or_none("trials", options.trials, 1)
     folder = _run_folder(options, path, settings.seed, "search-")
-    search = Search(settings, folder, trials=trials, origin=_origin(), warn=_warn)
+    search = Search(settings, folder, trials=trials, origin=_origin(), warn=partial(_warn, options))
     with progress_bar(options, search.trials, "trial") as bar:
 
         def watch(done: int, word: str) -> None:
@@ -79,7 +81,7 @@ def command_search(options: argparse.Namespace) -> None:
     print(f"best       cost {found['cost']:.4f} in trial {found['number']}")
     for name, value in found["values"].items():
         print(f"           {name} = {value}")
-    print(f"next       railenv train {best}")
+    print(f"next       railenv train {shlex.quote(str(best))}")
 
 
 def _settings(options: argparse.Namespace) -> "tuple[Path, TrainingSettings]":
@@ -102,11 +104,17 @@ def _plain(outcome: "Outcome") -> dict[str, Any]:
         "stable": outcome.best.stable,
         "references": outcome.references,
         "was_done": outcome.was_done,
+        "put_back": outcome.put_back,
     }
 
 
 def _show(outcome: "Outcome") -> None:
-    if outcome.was_done:
+    if outcome.put_back:
+        print(
+            f"done       {outcome.folder} was done before; its policy was missing and is written "
+            f"again from the best checkpoint, that after {outcome.best_steps:,} lane-steps"
+        )
+    elif outcome.was_done:
         print(f"done       {outcome.folder} was done before; nothing was left to do")
     print(f"policy     {outcome.folder}")
     print(f"judge      {outcome.best.line()}")
@@ -118,15 +126,15 @@ def _show(outcome: "Outcome") -> None:
         f"training   {outcome.steps:,} lane-steps in {outcome.seconds:.0f} s; "
         f"the best after {outcome.best_steps:,}"
     )
-    print(f"next       railenv score {outcome.folder}")
+    print(f"next       railenv score {shlex.quote(str(outcome.folder))}")
 
 
-def _warn(text: str) -> None:
-    _say(f"warning: {text}")
+def _warn(options: argparse.Namespace, text: str) -> None:
+    _say(options, f"warning: {text}")
 
 
-def _say(text: str) -> None:
-    print(f"railenv train: {text}", file=sys.stderr)
+def _say(options: argparse.Namespace, text: str) -> None:
+    print(f"railenv {options.command}: {text}", file=sys.stderr)
 
 
 def _config_file(text: str) -> Path:

@@ -87,7 +87,7 @@ def add_chart_arguments(parser: argparse.ArgumentParser) -> None:
         ("--max-delay", "2", "longest delay searched [s] (2)"),
         ("--jobs", "1", "worker processes (1)"),
     ):
-        parser.add_argument(option, default=default, help=text)
+        parser.add_argument(option, default=Default(default), help=text)
     parser.add_argument("--plot", help="draw the chart into this .png, .svg or .pdf file")
     parser.add_argument("--out", help="write the chart's data to this .npz file")
     add_json_argument(parser)

@@ -25,6 +25,7 @@ from eval.policy_score_oracle import (
 from eval.policy_score_references import (
     References,
     error_words,
+    layout_beside,
     passive_and_skyhook,
     with_designs,
 )
@@ -170,15 +171,22 @@ def score(
         progress: Called with a word on every part that starts.
 
     Returns:
-        `trial`; `policies` and `references`, see `comparison`; `gains` and `single_gain`, the
-        sky-hook's [N s/m]; `stability` by policy, see `stability`. Plain values.
+        `trial`; `layout` of the references, which is that of the policies; `policies` and
+        `references`, see `comparison`; `gains` and `single_gain`, the sky-hook's [N s/m];
+        `stability` by policy, see `stability`. Plain values.
+
+    Raises:
+        ArgumentError: The policies act on different layouts.
     """
     trial = depth.trial
+    layout = layout_beside([(name, each) for name, each, _ in policies])
     scored = [run_policy(name, each, trial, recipe, progress) for name, each, recipe in policies]
-    found = with_designs(passive_and_skyhook(trial, progress), trial, progress, depth.mistaken)
+    found = passive_and_skyhook(trial, progress, layout=layout)
+    found = with_designs(found, trial, progress, depth.mistaken)
     rows, beside = comparison(scored, found, trial)
     return {
         "trial": plain_trial(trial),
+        "layout": layout,
         "policies": rows,
         "references": beside,
         "gains": plain(found.gains),

@@ -17,12 +17,14 @@ from typing import Any
 import numpy as np
 
 from baselines.policies.folder import load_trained
+from eval.arguments import folder_name
 from eval.policy_score_references import (
     LQG,
     PASSIVE,
     PREVIEW,
     SKYHOOK,
     YARDSTICK,
+    layout_beside,
     passive_and_skyhook,
     with_designs,
 )
@@ -67,7 +69,9 @@ def learning_curve(
     place = replace(trial, delays=delays)
     runs = [_run(folder, table, place if whole else None, tell) for folder, table in pairs]
     if whole:
-        found = with_designs(passive_and_skyhook(place, tell), place, tell)
+        first = [(str(f), load_trained(_policy(f, table[0]))) for f, table in pairs]
+        found = passive_and_skyhook(place, tell, layout=layout_beside(first))
+        found = with_designs(found, place, tell)
         lines = {name: float(found.rows[name].worse.mean()) for name in _DRAWN}
     else:
         lines = _judges_lines(folders[0])
@@ -91,11 +95,11 @@ def _run(
             values = [value for name, value in row.items() if name.startswith(_INDEX)]
             mean = float(np.mean(values))
         else:
-            tell(f"{folder.name}, {int(row['steps'])} steps")
+            tell(f"{folder_name(folder)}, {int(row['steps'])} steps")
             mean = float(comfort_of(load_trained(_policy(folder, row)), trial).worse.mean())
         index.append(mean if math.isfinite(mean) else None)
     return {
-        "name": folder.name,
+        "name": folder_name(folder),
         "seconds": [row["seconds"] for row in table],
         "index": index,
         "stable": [bool(row["stable"]) for row in table],

@@ -7,7 +7,7 @@ of the command: computing it takes less than a minute, and a stale file would be
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,15 +53,21 @@ class References:
         rows: Comfort by name, on one trial.
         gains: Best sky-hook gain at each delay [N s/m]; NaN where none of the grid is stable.
         single_gain: Best single gain [N s/m], None where none is stable at all its delays.
+        layout: Layout that all but the passive vehicle act on.
     """
 
     rows: Mapping[str, Comfort]
     gains: FloatArray
     single_gain: float | None
+    layout: str = "4"
 
 
 def passive_and_skyhook(
-    trial: Trial, progress: Callable[[str], None] | None = None, *, by_eigenvalues: bool = True
+    trial: Trial,
+    progress: Callable[[str], None] | None = None,
+    *,
+    by_eigenvalues: bool = True,
+    layout: str = "4",
 ) -> References:
     """Run the passive vehicle and every sky-hook gain of the grid.
 
@@ -70,6 +76,7 @@ def passive_and_skyhook(
         progress: Called with a word on every run that starts.
         by_eigenvalues: Whether a gain must be stable by the oracle too, not only in the runs; the
             linear vehicle stands for the nonlinear one.
+        layout: Layout that the sky-hook acts on, and the laws that are added later.
     """
     tell = progress or (lambda _: None)
     tell(PASSIVE)
@@ -78,11 +85,11 @@ def passive_and_skyhook(
     unfit = np.ones((len(SKYHOOK_GAINS), len(trial.delays)), dtype=bool)
     for k, gain in enumerate(SKYHOOK_GAINS):
         tell(f"sky-hook, {gain / 1e3:g} kN s/m")
-        law = make_controller(f"skyhook:gain={gain}", "4")
+        law = make_controller(f"skyhook:gain={gain}", layout)
         found[gain] = comfort_of(law, trial)
         unfit[k] = found[gain].lost
         if by_eigenvalues:
-            unfit[k] |= _unstable(law, trial)
+            unfit[k] |= _unstable(law, trial, layout)
     worse = np.where(unfit, np.inf, np.stack([found[g].worse for g in SKYHOOK_GAINS]))
     best = np.argmin(worse, axis=0)
     none = np.all(unfit, axis=0)
@@ -93,7 +100,7 @@ def passive_and_skyhook(
     single = _single(worse, trial)
     if single is not None:
         rows[SINGLE] = found[single]
-    return References(rows, np.where(none, np.nan, gains), single)
+    return References(rows, np.where(none, np.nan, gains), single, layout)
 
 
 def with_designs(
@@ -130,13 +137,39 @@ def with_designs(
         told = [max(0.0, delay + error) for delay in trial.delays]
         laws = [
             make_controller(
-                spec.replace("{delay}", repr(delay)), "4", trial.parameters, trial.speed_kmh
+                spec.replace("{delay}", repr(delay)),
+                references.layout,
+                trial.parameters,
+                trial.speed_kmh,
             )
             for delay in told
         ]
         noise = 0.0 if name == YARDSTICK else None
         rows[name] = comfort_of(PerDelay(laws), trial, sensor_noise=noise)
-    return References(rows, references.gains, references.single_gain)
+    return replace(references, rows=rows)
+
+
+def layout_beside(policies: Sequence[tuple[str, object]]) -> str:
+    """Return the layout of actuators that references have beside some policies: that of them all.
+
+    Args:
+        policies: Name and controller of each; one without actuators takes any layout.
+
+    Raises:
+        ArgumentError: Two of them act on different layouts.
+    """
+    found: dict[str, str] = {}
+    for name, each in policies:
+        own = str(getattr(each, "layout", "4"))
+        if own != "passive":
+            found.setdefault(own, name)
+    if len(found) > 1:
+        one, other = (f"{name!r} on layout {own!r}" for own, name in list(found.items())[:2])
+        raise ArgumentError(
+            f"{one} acts on other actuators than {other}, and the references stand on one layout; "
+            "score them one by one"
+        )
+    return next(iter(found), "4")
 
 
 def error_words(error: float) -> str:
@@ -147,11 +180,11 @@ def error_words(error: float) -> str:
     return f"told {abs(1000 * error):g} ms too {word}"
 
 
-def _unstable(law: object, trial: Trial) -> list[bool]:
+def _unstable(law: object, trial: Trial, layout: str) -> list[bool]:
     """Say for each delay whether the sampled loop of a linear feedback has a root that grows."""
     if not isinstance(law, LinearFeedback):
         raise ArgumentError(f"law is a {type(law).__name__}; give a LinearFeedback")
-    loop = law.to_sampled_loop(trial.lateral("4"), DEFAULT_CONTROL_PERIOD)
+    loop = law.to_sampled_loop(trial.lateral(layout), DEFAULT_CONTROL_PERIOD)
     return [unstable_at(loop, delay) > 0 for delay in trial.delays]
 
 

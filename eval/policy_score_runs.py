@@ -164,7 +164,7 @@ class PerDelay:
 
     def __init__(self, laws: Sequence[Controller]) -> None:
         self.laws = tuple(laws)
-        for name in ("measures", "action_scale", "control_period"):
+        for name in ("layout", "measures", "action_scale", "control_period"):
             if hasattr(laws[0], name):
                 setattr(self, name, getattr(laws[0], name))
 

@@ -86,7 +86,8 @@ def screen(answer: Mapping[str, Any], show: str = "") -> str:
         _wrapped(
             f"Ride index of the worse floor end, mean over {trial['tracks']} tracks "
             f"({trial['track']}, seeds from {trial['first_track_seed']}, never trained on), "
-            f"{trial['speed_kmh']:g} km/h, {trial['seconds']:g} s after {trial['skip']:g} s, "
+            f"{trial['speed_kmh']:g} km/h, layout {answer['layout']}, "
+            f"{trial['seconds']:g} s after {trial['skip']:g} s, "
             f"sensor noise {trial['sensor_noise']:g}. Lower is better; +- is the larger half of a "
             "95 % interval; a star: a run diverged."
         )

@@ -13,7 +13,12 @@ import numpy as np
 
 from baselines.controller import Controller
 from eval.policy_score import plain, run_policy
-from eval.policy_score_references import PASSIVE, SKYHOOK, passive_and_skyhook
+from eval.policy_score_references import (
+    PASSIVE,
+    SKYHOOK,
+    layout_beside,
+    passive_and_skyhook,
+)
 from eval.policy_score_runs import Comfort, Trial
 from eval.policy_score_text import delay_columns, markdown
 from railenv.vehicle import VehicleParameters, get_vehicle, state_space
@@ -93,6 +98,9 @@ def transferred(
     Returns:
         `title`, `hunts`, `tracks`, `delays_s`, `gains` [N s/m], and `rows` by name: `worse`,
         `force_rms` and `diverged`, one number per delay. Plain values.
+
+    Raises:
+        ArgumentError: The policies act on different layouts.
     """
 
     def tell(word: str) -> None:
@@ -100,7 +108,8 @@ def transferred(
             progress(f"{case.title}: {word}")
 
     linear = case.trial.model == "lateral17"
-    found = passive_and_skyhook(case.trial, tell, by_eigenvalues=linear)
+    layout = layout_beside(policies)
+    found = passive_and_skyhook(case.trial, tell, by_eigenvalues=linear, layout=layout)
     rows = {name: _row(found.rows[name]) for name in (PASSIVE, SKYHOOK)}
     for name, controller in policies:
         only_exact = run_policy(name, controller, case.trial, progress=tell, errors=(0.0,))

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from eval.loop_arguments import Default
+
 
 def add_score_arguments(commands: Any) -> None:
     """Add the command: what is scored, how thoroughly, and where the result goes.
@@ -15,6 +17,11 @@ def add_score_arguments(commands: Any) -> None:
         nargs="+",
         metavar="POLICY",
         help="shipped name, folder, .safetensors or any controller SPEC; several: one table",
+    )
+    parser.add_argument(
+        "--layout",
+        default=Default("4"),
+        help="2 or 4: of laws that take either; a trained policy has its own (4)",
     )
     parser.add_argument("--quick", action="store_true", help="4 tracks of 30 s, no windows")
     parser.add_argument("--tracks", help="number of scoring tracks (20; quick 4)")

@@ -25,11 +25,17 @@ def told_delays(delays: FloatArray, told_error: float) -> FloatArray:
     return np.maximum(np.where(same, delays[:, 0], delays.mean(axis=1)) + error, 0.0)
 
 
-def check_can_be_told(controller: object, told_error: float) -> None:
-    """Raise `ArgumentError` if a told error is given and the controller is not told the delay."""
+def check_can_be_told(controller: object, told_error: float, name: str) -> None:
+    """Raise `ArgumentError` if a told error is given and the controller is not told the delay.
+
+    Args:
+        controller: The controller.
+        told_error: What is given [s].
+        name: Names the controller in messages.
+    """
     is_told = getattr(controller, "is_told", hasattr(controller, "tell"))
     if told_error != 0.0 and not is_told:
         raise ArgumentError(
-            f"told_error = {told_error:g} s has no effect on {type(controller).__name__}, which is "
-            "not told the delay; leave it out"
+            f"told_error = {told_error:g} s has no effect on {name!r} "
+            f"({type(controller).__name__}), which is not told the delay; leave it out"
         )

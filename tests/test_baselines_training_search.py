@@ -1,17 +1,20 @@
 """The search of hyper-parameters: what it tries, what it finds, and going on after a kill."""
 
 import json
+import subprocess
+import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+from test_baselines_training_run_lock import HOLDER
 
 from baselines.training.method import METHODS
 from baselines.training.search import Search
 from baselines.training.settings import TrainingSettings, load_settings, settings_from
-from railenv.errors import ArgumentError, RailenvError
+from railenv.errors import ArgumentError, InputFileError, RailenvError
 
 pytest.importorskip("torch")
 pytest.importorskip("optuna")
@@ -185,5 +188,33 @@ def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path: Path) -> Non
 def test_a_search_with_other_ranges_is_not_resumed(tmp_path: Path) -> None:
     Search(settings(GAIN, trials=1), tmp_path / "s").run()
     other = settings({"method.gain": {"low": 0.0, "high": 0.3}}, trials=1)
-    with pytest.raises(ArgumentError, match="other settings"):
+    with pytest.raises(
+        ArgumentError, match=r"search\.ranges\.method\.gain\.high: 0\.2 there, 0\.3"
+    ):
         Search(other, tmp_path / "s").run(resume=True)
+
+
+def test_a_second_search_in_a_folder_is_refused_until_the_first_is_gone(tmp_path: Path) -> None:
+    first = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(tmp_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert first.stdout is not None
+    assert first.stdout.readline() == "held\n"
+    for resume in (False, True):
+        with pytest.raises(ArgumentError, match="in use by another training or search"):
+            Search(settings(GAIN), tmp_path).run(resume)
+    first.kill()  # SIGKILL: nothing of its own can give the lock back
+    first.communicate()
+    # The lock that was left does not make the folder used: now it gets as far as the first trial.
+    Given.killed_at = 1
+    with pytest.raises(Killed):
+        Search(settings(GAIN), tmp_path).run()
+
+
+def test_a_damaged_search_json_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "search.json").write_text('{"config"')
+    with pytest.raises(InputFileError, match=r"search\.json is not valid JSON"):
+        Search(settings(GAIN), tmp_path).run(resume=True)

@@ -1,6 +1,7 @@
 """Trained policies at the command line: a folder is a SPEC like any other."""
 
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -206,3 +207,22 @@ def test_convert_sb3_says_that_it_executes_nothing(
     assert "data: lr_schedule" in shown
     assert not made.exists()
     assert isinstance(make_controller(out), HistoryPolicy)
+
+
+def test_the_commands_of_a_conversion_can_be_pasted_whatever_the_paths(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "my files"
+    folder.mkdir()
+    config, out = folder / "the env.toml", str(folder / "it's a policy")
+    config.write_text(CONFIG)
+    file = str(sb3_zip(folder / "ppo 1.zip", actor_weights(37), {}))
+    arguments = ["convert-sb3", file, "--config", str(config), "--out", out]
+    assert main(arguments) == 0
+    card = json.loads((Path(out) / "card.json").read_text())
+    assert shlex.split(card["training"]["command"]) == ["railenv", *arguments]
+    shown = capsys.readouterr().out.splitlines()[-1]
+    assert shlex.split(shown.partition("next: ")[2])[:4] == [
+        *("railenv", "simulate", "--controller"),
+        out,
+    ]

@@ -10,6 +10,7 @@ import pytest
 from baselines.policies import History, LinearPolicy, load_trained, save_trained
 from baselines.policies.folder import load_card
 from eval.cli import main
+from eval.command_score import short_names
 from eval.policy_evidence import evidence_text
 from eval.policy_evidence import main as write_evidence
 from eval.policy_score import Depth, score
@@ -268,3 +269,19 @@ def test_the_evidence_is_written_in_a_small_size(tmp_path: Path) -> None:
     for words in ("350 km/h", "laden", "worn wheels", "TB/T 3352", "full50", "**p**"):
         assert words in text
     assert YARDSTICK not in text  # the fixture left it out
+
+
+@pytest.mark.parametrize("spec", [".", "../p", "../p/.", "inner/..", "./"])
+def test_a_path_without_a_name_is_called_as_the_folder_that_is_meant(
+    spec: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (saved(tmp_path / "p", 8e3) / "inner").mkdir()
+    monkeypatch.chdir(tmp_path / "p")
+    assert short_names([spec]) == {spec: "p"}
+
+
+def test_a_run_that_is_the_working_folder_has_its_name_in_the_curve(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(run_folder(tmp_path / "r"))
+    assert learning_curve([Path()], TRIAL)["runs"][0]["name"] == "r"

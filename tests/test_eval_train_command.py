@@ -4,11 +4,13 @@ import csv
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +71,42 @@ def test_resuming_what_is_done_says_so(
 ) -> None:
     assert main(["train", SMOKE, "--out", str(smoke[0]), "--resume"]) == 0
     assert "was done before; nothing was left to do" in capsys.readouterr().out
+
+
+def test_a_policy_that_was_deleted_is_written_again_and_that_is_said(
+    smoke: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = Path(shutil.copytree(smoke[0], tmp_path / "run"))
+    for name in ("policy.safetensors", "card.json"):
+        (run / name).unlink()
+    assert main(["train", SMOKE, "--out", str(run), "--resume"]) == 0
+    text = capsys.readouterr().out
+    assert "its policy was missing and is written again from the best checkpoint" in text
+    assert "nothing was left to do" not in text
+    for name in ("policy.safetensors", "card.json"):
+        assert (run / name).read_bytes() == (smoke[0] / name).read_bytes()
+
+
+def test_a_warning_of_the_search_is_the_searchs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Warns:
+        trials = 1
+
+        def __init__(self, *_: object, warn: Callable[[str], None], **__: object) -> None:
+            self.warn = warn
+
+        def run(self, *_: object) -> dict[str, object]:
+            self.warn("trial 0: it diverged")
+            return {"trials": 1, "stable": 1, "number": 0, "cost": 1.0, "values": {}}
+
+    monkeypatch.setattr("baselines.training.search.Search", Warns)
+    assert main(["search", SMOKE, "--out", str(tmp_path / "a search")]) == 0
+    found = capsys.readouterr()
+    assert "railenv search: warning: trial 0: it diverged\n" in found.err
+    assert "railenv train" not in found.err
+    # What comes next can be pasted, a space in the path or not.
+    assert shlex.split(found.out.splitlines()[-1])[-1] == str(tmp_path / "a search" / "best.toml")
 
 
 @pytest.mark.slow

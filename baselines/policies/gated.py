@@ -17,12 +17,12 @@ from numba import njit
 
 from baselines.controller import Controller
 from baselines.linear_dynamic import LinearDynamic
+from baselines.policies.elementwise import sigmoid, softmax, tanh
 from baselines.policies.history import History
 from baselines.policies.linear import LinearPolicy, linear_path
 from baselines.policies.network import layer_of_lanes, with_told
 from baselines.policies.policy import HistoryPolicy, checked_array
 from baselines.policies.realisation import Realisation
-from baselines.policies.recurrent import sigmoid
 from railenv.errors import ArgumentError
 from railenv.units import FloatArray
 
@@ -113,17 +113,13 @@ class GatedPolicy(HistoryPolicy):
         layer_of_lanes(self.weight_hh, self.bias_hh, hidden, kept)
         reset = sigmoid(given[:, :units] + kept[:, :units])
         update = sigmoid(given[:, units : 2 * units] + kept[:, units : 2 * units])
-        new = np.tanh(given[:, 2 * units :] + reset * kept[:, 2 * units :])
+        new = tanh(given[:, 2 * units :] + reset * kept[:, 2 * units :])
         return (1.0 - update) * new + update * hidden
 
     def _gates(self, hidden: FloatArray) -> FloatArray:
         logits = np.empty((len(hidden), len(self.readout)))
         layer_of_lanes(self.readout, self.readout_bias, hidden, logits)
-        grown = np.exp(logits - logits.max(axis=1, keepdims=True))
-        total = np.zeros((len(grown), 1))
-        for column in range(grown.shape[1]):
-            total[:, 0] += grown[:, column]
-        return grown / total
+        return softmax(logits)
 
     def gates_at_rest(self, told: float = 0.0) -> FloatArray:
         """Return the gates that belong to the unit's state at rest, shape (experts,).

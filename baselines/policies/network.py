@@ -6,13 +6,13 @@ The network sees the features and, if the policy is told the delay, the told del
 0.3 s. What it says at rest is taken off, so that rest is an equilibrium whatever the biases.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 
 from baselines.controller import Controller
+from baselines.policies.elementwise import tanh
 from baselines.policies.history import History
 from baselines.policies.linear import linear_path
 from baselines.policies.policy import TOLD_UNIT, HistoryPolicy, checked_array
@@ -90,7 +90,7 @@ class NetworkPolicy(HistoryPolicy):
         for k, (weight, bias) in enumerate(self.layers):
             values, slope = weight @ values + bias, weight @ slope
             if k < len(self.layers) - 1:
-                values = np.tanh(values)
+                values = tanh(values[None, :])[0]
                 slope = (1.0 - values**2)[:, None] * slope
         return self._linear_at_rest(self.gains_at(told) + slope[:, : history.num_features])
 
@@ -123,16 +123,3 @@ def layer_of_lanes(
             for column in range(values.shape[1]):
                 total += weight[row, column] * values[lane, column]
             result[lane, row] = total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def tanh(values: FloatArray) -> FloatArray:
-    """Return tanh of every entry of a matrix, each computed by itself, a new array.
-
-    An array library may compute several at once, and the rest of a row by another formula.
-    """
-    result = np.empty(values.shape)
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            result[i, j] = math.tanh(values[i, j])
-    return result

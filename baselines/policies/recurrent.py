@@ -16,29 +16,19 @@ c (`bias_hh`).
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
 
 from baselines.controller import Controller
+from baselines.policies.elementwise import sigmoid, sigmoid_of, tanh
 from baselines.policies.history import History
 from baselines.policies.linear import linear_path
-from baselines.policies.network import tanh, with_told
+from baselines.policies.network import with_told
 from baselines.policies.policy import HistoryPolicy, checked_array
 from baselines.policies.realisation import Realisation, ring_form
 from railenv.errors import ArgumentError
 from railenv.units import FloatArray
-
-
-def sigmoid(values: FloatArray) -> FloatArray:
-    """Return 1 / (1 + exp(-values)), by way of tanh, which does not overflow; a matrix each."""
-    return 0.5 + 0.5 * tanh(0.5 * values)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _sigmoid(value: Any) -> float:
-    return 0.5 + 0.5 * math.tanh(0.5 * value)
 
 
 class RecurrentPolicy(HistoryPolicy):
@@ -114,7 +104,7 @@ class RecurrentPolicy(HistoryPolicy):
         given, c = self.weight_ih @ x + self.bias_ih, self.bias_hh[2 * units :]
         both = sigmoid((given + self.bias_hh)[None, :])[0]
         reset, update = both[:units], both[units : 2 * units]
-        new = np.tanh(given[2 * units :] + reset * c)
+        new = tanh((given[2 * units :] + reset * c)[None, :])[0]
         # At rest n - n_rest and h vanish: what the update gate does is of second order.
         gain = ((1.0 - update) * (1.0 - new**2))[:, None]
         slope = (c * reset * (1.0 - reset))[:, None]
@@ -167,10 +157,10 @@ def _advance(
                 old += weight_hh[row, column] * hidden[lane, column]
             now[row], still[row], kept[row] = total, quiet, old
         for u in range(units):
-            reset = _sigmoid(now[u] + kept[u])
-            update = _sigmoid(now[units + u] + kept[units + u])
+            reset = sigmoid_of(now[u] + kept[u])
+            update = sigmoid_of(now[units + u] + kept[units + u])
             new = math.tanh(now[2 * units + u] + reset * kept[2 * units + u])
-            reset = _sigmoid(still[u] + bias_hh[u])
+            reset = sigmoid_of(still[u] + bias_hh[u])
             at_rest = math.tanh(still[2 * units + u] + reset * bias_hh[2 * units + u])
             hidden[lane, u] = (1.0 - update) * (new - at_rest) + update * hidden[lane, u]
         for a in range(actions.shape[1]):

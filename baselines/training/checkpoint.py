@@ -2,7 +2,7 @@
 
     000001000000/            lane-steps taken
         arrays.npz           what the method needs to go on: weights, moments, buffers
-        checkpoint.json      the rest, and the checksum of every other file
+        checkpoint.json      the rest, and the checksum of every file, its own content included
         policy/              the policy as it stood, where it was judged
 
 It is written under a temporary name, forced to the disk, and renamed. A file that was cut short
@@ -33,6 +33,7 @@ WRITING = ".writing-"
 _FORMAT, _VERSION = "railenv-training-checkpoint", 1
 _ARRAYS, _PLAIN = "arrays.npz", "checkpoint.json"
 _PREFIX = "array."
+_OWN_SUM = "sha256_of_this"
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +100,7 @@ def write_checkpoint(
                 "sha256": {path.relative_to(temporary).as_posix(): _sum(path) for path in files},
                 "plain": plain,
             }
-            text = json.dumps(body, allow_nan=False)
+            text = json.dumps({**body, _OWN_SUM: _sum_of(body)}, allow_nan=False)
             (temporary / _PLAIN).write_text(text, encoding="ascii")
             temporary.chmod(0o755)
             for path in (*files, temporary / _PLAIN, temporary):
@@ -127,6 +128,9 @@ def read_checkpoint(folder: Path) -> Checkpoint:
             raise InputFileError(
                 f"{folder} is a checkpoint of another version; go on with the program that wrote it"
             )
+        # Older checkpoints have none.
+        if _OWN_SUM in body and body.pop(_OWN_SUM) != _sum_of(body):
+            raise InputFileError(f"{folder / _PLAIN} is not as it was written: damaged")
         sums = cast("dict[str, str]", body["sha256"])
         contents = {name: (folder / name).read_bytes() for name in sums}
         for name, content in contents.items():
@@ -140,10 +144,16 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         raise
     except OSError as error:
         raise InputFileError(f"cannot read {folder}: {error.strerror or error}") from None
-    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (KeyError, TypeError, ValueError, EOFError, RecursionError, zipfile.BadZipFile) as error:
         raise InputFileError(
             f"{folder} is no whole checkpoint ({type(error).__name__}: {error})"
         ) from None
+
+
+def _sum_of(body: dict[str, Any]) -> str:
+    """Return the checksum of the content of checkpoint.json, whatever the order of its keys."""
+    as_read = json.loads(json.dumps(body, allow_nan=False))
+    return hashlib.sha256(json.dumps(as_read, sort_keys=True).encode("ascii")).hexdigest()
 
 
 def _sum(path: Path) -> str:

@@ -39,12 +39,39 @@ class Progress:
 
     @staticmethod
     def of_plain(plain: dict[str, Any]) -> "Progress":
-        """Return what `to_plain` wrote."""
+        """Return what `to_plain` wrote.
+
+        Raises:
+            KeyError: An entry is missing.
+            TypeError: An entry is of another kind.
+            ValueError: Entries contradict each other.
+        """
+        best, best_steps = plain["best"], _steps_or_none(plain["best_steps"])
+        if (best is None) != (best_steps is None):
+            raise ValueError("there is a best checkpoint without its judgement, or the reverse")
         return Progress(
             float(plain["seconds"]),
-            plain["best_steps"],
-            None if plain["best"] is None else Judgement.of_plain(plain["best"]),
-            list(plain["rows"]),
-            {int(steps): best for steps, best in plain["best_of"].items()},
-            list(plain["interruptions"]),
+            best_steps,
+            None if best is None else Judgement.of_plain(best),
+            [_row(row) for row in plain["rows"]],
+            {int(steps): _steps_or_none(at) for steps, at in dict(plain["best_of"]).items()},
+            [_steps(at) for at in plain["interruptions"]],
         )
+
+
+def _row(row: Any) -> dict[str, float]:
+    """Return a row of learning.csv as it stands: a number that is whole stays so."""
+    for name, value in dict(row).items():
+        if not isinstance(value, int | float):
+            raise TypeError(f"{name} of a row of learning.csv is no number")
+    return dict(row)
+
+
+def _steps(value: Any) -> int:
+    if type(value) is not int:
+        raise TypeError(f"a number of lane-steps is {value!r:.40}")
+    return value
+
+
+def _steps_or_none(value: Any) -> int | None:
+    return None if value is None else _steps(value)

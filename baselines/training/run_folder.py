@@ -20,7 +20,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
-from baselines.training.checkpoint import WRITING, Checkpoint, read_checkpoint
+from baselines.policies.folder import CARD_FILE, POLICY_FILE
+from baselines.training.checkpoint import WRITING, Checkpoint, checkpoint_name, read_checkpoint
 from baselines.training.run_lock import LOCK_FILE, held
 from railenv.errors import ArgumentError, InputFileError, OutputError
 from railenv.files import make_folder, replacing
@@ -78,7 +79,7 @@ class RunFolder:
         Raises:
             InputFileError: The folder holds no run, or the file is damaged.
         """
-        found = _read_json(self._run)
+        found = read_json(self._run)
         kept = {"config": dict, "done": bool}
         whole = all(isinstance(found.get(key), kind) for key, kind in kept.items())
         if found.get("format") != _FORMAT or found.get("version") != _VERSION or not whole:
@@ -97,7 +98,7 @@ class RunFolder:
 
     def references(self) -> dict[str, Any] | None:
         """Return what classical laws reach; None if that was not computed yet."""
-        return _read_json(self._references) if self._references.is_file() else None
+        return read_json(self._references) if self._references.is_file() else None
 
     def write_references(self, references: dict[str, Any]) -> None:
         """Write references.json."""
@@ -116,7 +117,12 @@ class RunFolder:
             shutil.rmtree(folder, ignore_errors=True)
         for folder in sorted(self._all(), reverse=True):
             try:
-                return read_checkpoint(folder), complaints
+                found = read_checkpoint(folder)
+                if found.steps != int(folder.name):
+                    raise InputFileError(
+                        f"{folder} says that it stands after {found.steps} lane-steps"
+                    )
+                return found, complaints
             except InputFileError as error:
                 complaints.append(f"{error}; removed, the run goes on from the one before")
                 shutil.rmtree(folder, ignore_errors=True)
@@ -136,6 +142,39 @@ class RunFolder:
         for folder in self._all():
             if int(folder.name) not in stay:
                 shutil.rmtree(folder, ignore_errors=True)
+
+    def has_policy(self) -> bool:
+        """Whether the best policy lies in the folder, with its card."""
+        return all((self.path / name).is_file() for name in (POLICY_FILE, CARD_FILE))
+
+    def policy_at(self, steps: int) -> Path:
+        """Return the folder of the policy of a judged checkpoint."""
+        return self.checkpoints / checkpoint_name(steps) / "policy"
+
+    def put_policy(self, steps: int) -> None:
+        """Put the policy of a checkpoint into the run's folder, as that has it.
+
+        Raises:
+            InputFileError: The checkpoint is gone or damaged; what lies in the folder is untouched.
+            OutputError: It cannot be written.
+        """
+        source = self.policy_at(steps)
+        try:
+            read_checkpoint(source.parent)
+            contents = {name: (source / name).read_bytes() for name in (POLICY_FILE, CARD_FILE)}
+        except (InputFileError, OSError) as error:
+            raise InputFileError(
+                f"the best policy of the run in {self.path} cannot be taken from its checkpoint: "
+                f"{error}; train it anew with another --out"
+            ) from None
+        try:
+            # Without its card the folder is no policy while the arrays change.
+            (self.path / CARD_FILE).unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot write to {self.path}: {error.strerror or error}") from None
+        for name, content in contents.items():
+            with replacing(self.path / name) as stream:
+                stream.write(content)
 
     def write_curve(self, rows: list[dict[str, float]]) -> None:
         """Write learning.csv, one row per checkpoint; all rows have the columns of the first."""
@@ -173,12 +212,17 @@ class RunFolder:
             stream.write(b"\n")
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the JSON object of a file.
+
+    Raises:
+        InputFileError: It cannot be read, or holds something else.
+    """
     try:
         found: Any = json.loads(path.read_text(encoding="ascii"))
     except OSError as error:
         raise InputFileError(f"cannot read {path}: {error.strerror or error}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputFileError(f"{path} is not valid JSON: {error}") from None
     if not isinstance(found, dict):
         raise InputFileError(f"{path} holds no JSON object")

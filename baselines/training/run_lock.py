@@ -1,4 +1,4 @@
-"""One training at a time in a folder: a lock that the system gives back, whatever ends the process.
+"""One training or search at a time in a folder: a lock that ends with the process that holds it.
 
 Where the system has no such lock (it is POSIX), nothing is held and nothing is refused.
 """
@@ -37,7 +37,7 @@ def held(folder: Path) -> Generator[None, None, None]:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise ArgumentError(
-                f"{folder} is in use by another training; wait for it, or give another folder by "
-                "--out"
+                f"{folder} is in use by another training or search; wait for it, or give another "
+                "folder by --out"
             ) from None
         yield

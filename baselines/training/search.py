@@ -22,13 +22,17 @@ from pathlib import Path
 from typing import Any, cast
 
 from baselines.training.method import episode_seed
-from baselines.training.run_folder import RunFolder
+from baselines.training.other_settings import words_of_difference
+from baselines.training.run_folder import RunFolder, read_json
+from baselines.training.run_lock import LOCK_FILE, held
 from baselines.training.search_settings import SearchRange, SearchSettings
 from baselines.training.settings import TrainingSettings, settings_from
 from baselines.training.toml_text import toml_text
 from baselines.training.trainer import Trainer
 from railenv.errors import ArgumentError, InputFileError, RailenvError
 from railenv.files import make_folder, replacing
+
+_ABOUT = "search.json"
 
 
 class Search:
@@ -83,11 +87,21 @@ class Search:
 
         Raises:
             ArgumentError: The folder is not empty and `resume` is not set, its search has other
-                settings, or Optuna is not installed.
+                settings, another process is at it, or Optuna is not installed.
+            InputFileError: search.json is damaged.
+            OutputError: The folder cannot be written to.
             RailenvError: No trial gave a stable policy.
         """
         optuna = _optuna()
-        self._open(resume)
+        if not (self._path / _ABOUT).is_file():
+            self._refuse_used()  # before a lock is left in a folder of somebody else's
+        make_folder(self._path)
+        with held(self._path):
+            self._open(resume)
+            return self._searched(optuna, watch)
+
+    def _searched(self, optuna: Any, watch: Callable[[int, str], None]) -> dict[str, Any]:
+        """Run the trials that are left, and finish."""
         study = optuna.create_study(
             study_name="search",
             storage=f"sqlite:///{self._path.resolve() / 'study.sqlite3'}",
@@ -140,27 +154,28 @@ class Search:
         """Make the folder, or check that the search in it is this one."""
         about = {"config": self._plain, "search": {**self._chosen.to_plain(), "trials": None}}
         about = json.loads(json.dumps(about))
-        path = self._path / "search.json"
+        path = self._path / _ABOUT
         if resume and path.is_file():
-            try:
-                known = json.loads(path.read_text(encoding="ascii"))
-            except (OSError, ValueError) as error:
-                raise InputFileError(f"cannot read {path}: {error}") from None
+            known = read_json(path)
             if known != about:
                 raise ArgumentError(
-                    f"the search in {self._path} has other settings; resume it with its own, or "
-                    "start a new one with another --out"
+                    f"the search in {self._path} has other settings "
+                    f"({words_of_difference(known, about)}); resume it with its own, or start a "
+                    "new one with another --out"
                 )
             return
+        self._refuse_used()
+        with replacing(path) as stream:
+            stream.write(json.dumps(about, indent=1).encode("ascii"))
+
+    def _refuse_used(self) -> None:
+        """Raise `ArgumentError` if more is there than a search killed at once leaves."""
         left = list(self._path.iterdir()) if self._path.is_dir() else []
-        if any(not entry.name.startswith(".search.") for entry in left):
+        if any(not e.name.startswith(".search.") and e.name != LOCK_FILE for e in left):
             raise ArgumentError(
                 f"{self._path} is not empty; go on with the search in it by --resume, or give "
                 "another folder by --out"
             )
-        make_folder(self._path)
-        with replacing(path) as stream:
-            stream.write(json.dumps(about, indent=1).encode("ascii"))
 
     def _tried(self, number: int, values: Mapping[str, Any]) -> float:
         """Return the cost of one trial; infinite if it diverged or is not stable."""

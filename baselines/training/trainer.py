@@ -11,47 +11,25 @@ import json
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from baselines.policies.folder import CARD_FILE, POLICY_FILE, save_trained
-from baselines.training.checkpoint import Checkpoint, checkpoint_name, write_checkpoint
+from baselines.policies.folder import save_trained
+from baselines.training.checkpoint import Checkpoint, write_checkpoint
 from baselines.training.interruption import Interruption
 from baselines.training.judge import Judge, Judgement, better
 from baselines.training.learning_curve import curve_row, means, reference_curves
 from baselines.training.method import Method, method_class
 from baselines.training.monitor import Monitor
 from baselines.training.one_thread import one_thread
+from baselines.training.other_settings import words_of_difference
+from baselines.training.outcome import Outcome
 from baselines.training.progress import Progress
 from baselines.training.run_card import training_card
 from baselines.training.run_folder import RunFolder
 from baselines.training.settings import TrainingSettings
-from railenv.errors import ArgumentError, RailenvError
-from railenv.files import replacing
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a run ended.
-
-    Attributes:
-        folder: The run's folder; the best policy lies in it.
-        steps: Lane-steps taken.
-        seconds: Time spent, all resumes together [s].
-        best_steps: Lane-steps of the best checkpoint.
-        best: What the judge said of it.
-        references: What classical laws reach on the same drives; empty if they were not driven.
-        was_done: Whether the run had been done before and nothing was left to do.
-    """
-
-    folder: Path
-    steps: int
-    seconds: float
-    best_steps: int
-    best: Judgement
-    references: dict[str, Any]
-    was_done: bool
+from railenv.errors import ArgumentError, InputFileError, RailenvError
 
 
 class Trainer:
@@ -93,6 +71,7 @@ class Trainer:
         Raises:
             ArgumentError: The folder is not empty and `resume` is not set, or its run has other
                 settings.
+            InputFileError: A file of the run is damaged, and there is nothing to go back to.
             KeyboardInterrupt: The run was interrupted on demand; a checkpoint is written.
             RailenvError: The training diverged.
         """
@@ -122,8 +101,8 @@ class Trainer:
             if about["config"] != config:
                 raise ArgumentError(
                     f"the run in {self._folder.path} has other settings "
-                    f"({', '.join(_differences(about['config'], config))}); resume it with its "
-                    "own, or start a new one with another --out"
+                    f"({words_of_difference(about['config'], config)}); resume it with its own, or "
+                    "start a new one with another --out"
                 )
             for name in ("versions", "revision"):
                 if about.get(name) != self._origin.get(name):
@@ -142,9 +121,23 @@ class Trainer:
         for complaint in complaints:
             self._warn(complaint)
         if newest is not None:
+            self._restore(method, newest)
+        return newest
+
+    def _restore(self, method: Method, newest: Checkpoint) -> None:
+        try:
             method.restore(newest.arrays, newest.plain["method"])
             self._progress = Progress.of_plain(newest.plain["progress"])
-        return newest
+            if method.steps != newest.steps:
+                raise ValueError(f"steps are {method.steps} and {newest.steps}")
+        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+            # Nothing is removed: another version of the program may have written it.
+            place = self._folder.policy_at(newest.steps).parent
+            raise InputFileError(
+                f"{place / 'checkpoint.json'} does not hold what is needed to go on "
+                f"({type(error).__name__}: {error}): damaged, or of another version; go on with "
+                f"that version, or remove {place}, and the run goes on from the one before"
+            ) from error
 
     def _references(self) -> dict[str, Any]:
         """Return what classical laws reach; driven once per run."""
@@ -232,7 +225,7 @@ class Trainer:
             where = (
                 "no checkpoint was written"
                 if best is None
-                else f"the best policy so far is in {self._best_policy(best)}"
+                else f"the best policy so far is in {self._folder.policy_at(best)}"
             )
             raise RailenvError(
                 f"training diverged after {steps} lane-steps: {wrong[0]} is not finite; {where}; "
@@ -244,12 +237,7 @@ class Trainer:
         progress = self._progress
         assert progress.best is not None
         assert progress.best_steps is not None
-        source = self._best_policy(progress.best_steps)
-        # Without its card the folder is no policy while the arrays change.
-        (self._folder.path / CARD_FILE).unlink(missing_ok=True)
-        for name in (POLICY_FILE, CARD_FILE):
-            with replacing(self._folder.path / name) as stream:
-                stream.write((source / name).read_bytes())
+        self._folder.put_policy(progress.best_steps)
         self._folder.write_curve(progress.rows)
         about = self._folder.about()
         about |= {
@@ -261,40 +249,17 @@ class Trainer:
             "interruptions": progress.interruptions,
         }
         self._folder.write_about(about)
-        return self._outcome(about, references, was_done=False)
+        return Outcome.of_run(self._folder.path, about, references, was_done=False)
 
     def _was_done(self, about: dict[str, Any]) -> Outcome:
-        return self._outcome(about, self._folder.references() or {}, was_done=True)
-
-    def _outcome(
-        self, about: dict[str, Any], references: dict[str, Any], *, was_done: bool
-    ) -> Outcome:
-        return Outcome(
-            self._folder.path,
-            int(about["steps"]),
-            float(about["seconds"]),
-            int(about["best_steps"]),
-            Judgement.of_plain(about["best"]),
-            references,
-            was_done,
-        )
-
-    def _best_policy(self, steps: int) -> Path:
-        return self._folder.checkpoints / checkpoint_name(steps) / "policy"
+        known = self._folder.references() or {}
+        outcome = Outcome.of_run(self._folder.path, about, known, was_done=True)
+        if self._folder.has_policy():
+            return outcome
+        self._folder.put_policy(outcome.best_steps)
+        return replace(outcome, put_back=True)
 
 
 def _word(judgement: Judgement) -> str:
     worst = max(judgement.ride_index)
     return f"growth {judgement.worst_growth:.2g} 1/s, ride index up to {worst:.2f}"
-
-
-def _differences(old: dict[str, Any], new: dict[str, Any], path: str = "") -> list[str]:
-    """Return the names of the entries that differ."""
-    found: list[str] = []
-    for key in sorted({*old, *new}):
-        mine, theirs = old.get(key), new.get(key)
-        if isinstance(mine, dict) and isinstance(theirs, dict):
-            found += _differences(mine, theirs, f"{path}{key}.")  # pyright: ignore
-        elif mine != theirs:
-            found.append(f"{path}{key}")
-    return found
