@@ -12,6 +12,7 @@ from baselines.controller import Controller, measured_by, users_own_code
 from eval.sensor_noise import NoisyReadings
 from eval.simulations import LinearRuns, Vehicle, simulation_of
 from eval.told_delay import told_delays
+from eval.varying_delay import ChannelDraws, VaryingDelay
 from railenv.actuation import ActuatorSpec
 from railenv.envs.observation import (
     DEFAULT_ACTION_SCALE,
@@ -135,6 +136,7 @@ class ControlledBatch:
         initial_state: FloatArray | None = None,
         level: FloatArray | None = None,
         track_inputs: FloatArray | None = None,
+        channel: VaryingDelay | None = None,
     ) -> None:
         """Start every lane, at rest if nothing else is said.
 
@@ -147,12 +149,16 @@ class ControlledBatch:
             level: Factor on the irregularity of each lane.
             track_inputs: Tracks that have been sampled for the linear vehicle, instead of `tracks`;
                 see `railenv.simulation.wheelset_inputs`.
+            channel: What varies in the channels beside these delays; None for nothing. A controller
+                is told the delays without it.
         """
         lanes = delays.shape[0]
+        self._draws = ChannelDraws(channel, lanes, self.vehicle.num_actuators)
+        late = self._draws.longest_jitter
         if track_inputs is None:
-            self.simulation.begin(delays, tracks, track_of_lane, level, initial_state)
+            self.simulation.begin(delays, tracks, track_of_lane, level, initial_state, late)
         elif isinstance(self.simulation, LinearRuns):
-            self.simulation.reset(delays, track_inputs, track_of_lane, initial_state)
+            self.simulation.reset(delays, track_inputs, track_of_lane, initial_state, late)
         else:
             raise ArgumentError("track_inputs is for the linear vehicle; give tracks")
         self._observer.reset(lanes)
@@ -175,7 +181,8 @@ class ControlledBatch:
         Raises:
             ControllerError: The controller raised, or returned a wrong shape or no finite number.
         """
-        observations = self._observer.observe(self._readings.of(self._now))
+        readings = self._draws.seen(self._readings.of(self._now))
+        observations = self._observer.observe(readings)
         shape = (observations.shape[0], self.vehicle.num_actuators)
         actions = self._call("act", lambda: _real(self.controller.act(observations)))
         if actions.shape != shape:
@@ -188,7 +195,8 @@ class ControlledBatch:
             actions[self.silent] = 0.0
         self._observer.push(actions)
         self.commands = self._scale * actions
-        outputs = self.simulation.advance(self.commands)
+        self._draws.renew()
+        outputs = self.simulation.advance(self.commands, self._draws.later, self._draws.lost)
         new = self.simulation.lost
         if np.any(new):
             self.blown_up |= new
@@ -244,6 +252,7 @@ def rollout(
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
     watch: Callable[[ControlledBatch, FloatArray], None] | None = None,
+    channel: VaryingDelay | None = None,
 ) -> Trajectory:
     """Run a controller for a while.
 
@@ -262,6 +271,7 @@ def rollout(
         progress: Called with the number of control periods just done.
         watch: Called after every control period with the batch and what was recorded in it, shape
             (lanes, steps, record).
+        channel: What varies in the channels beside these delays; None for nothing.
 
     Returns:
         Recorded signals at every physics step; lanes that blew up end in NaN.
@@ -273,7 +283,7 @@ def rollout(
     steps = Stepping() if stepping is None else stepping
     names = (*ACCELERATIONS, *force_names(vehicle)) if record is None else record
     batch = ControlledBatch(controller, vehicle, names, steps)
-    batch.reset(delays, tracks, track_of_lane, seed, track_inputs=track_inputs)
+    batch.reset(delays, tracks, track_of_lane, seed, track_inputs=track_inputs, channel=channel)
     periods = whole_multiple("duration", duration, "control_period", steps.control_period)
     per_period = batch.simulation.steps_per_command
     values = np.empty((delays.shape[0], periods * per_period, len(names)))

@@ -74,6 +74,7 @@ class Simulation(Protocol):
         track_of_lane: IntArray | None = None,
         level: FloatArray | None = None,
         initial_state: FloatArray | None = None,
+        longest_jitter: float = 0.0,
     ) -> None:
         """Put every lane back to time zero with an empty delay line.
 
@@ -84,6 +85,7 @@ class Simulation(Protocol):
             level: Factor on the irregularity of each lane, shape (lanes,); None for one.
             initial_state: States at the start, shape (lanes, states) or (states,); None for rest,
                 which on wheels and rails is steady rolling.
+            longest_jitter: What a command may be late beyond its delay [s]; see `advance`.
         """
         ...
 
@@ -91,11 +93,18 @@ class Simulation(Protocol):
         """Return the outputs at the start of a run, shape (lanes, outputs)."""
         ...
 
-    def advance(self, commands: FloatArray) -> FloatArray:
+    def advance(
+        self,
+        commands: FloatArray,
+        later: FloatArray | None = None,
+        lost: NDArray[np.bool_] | None = None,
+    ) -> FloatArray:
         """Advance a control period; return the outputs, shape (lanes, steps, outputs).
 
         Args:
             commands: Forces [N], or coefficients of semi-active dampers [N s/m], (lanes, channels).
+            later: What each is late beyond its delay, (lanes, channels) [s]; None for nothing.
+            lost: Which of them get lost, (lanes, channels); None for none.
         """
         ...
 
@@ -130,6 +139,7 @@ class LinearRuns(LateralSimulation):
         track_of_lane: IntArray | None = None,
         level: FloatArray | None = None,
         initial_state: FloatArray | None = None,
+        longest_jitter: float = 0.0,
     ) -> None:
         """Put every lane back to time zero; see `Simulation.begin`."""
         inputs = self._inputs(tuple(tracks)) if tracks else None
@@ -139,7 +149,7 @@ class LinearRuns(LateralSimulation):
             )
             inputs = level[:, None, None] * inputs[chosen]
             track_of_lane = np.arange(len(level), dtype=np.int64)
-        self.reset(delays, inputs, track_of_lane, initial_state)
+        self.reset(delays, inputs, track_of_lane, initial_state, longest_jitter)
 
     def _inputs(self, tracks: tuple[Track, ...]) -> FloatArray:
         """Sample tracks over the whole steps that the shortest of them has room for."""
@@ -176,9 +186,10 @@ class FullRuns(FullSimulation):
         track_of_lane: IntArray | None = None,
         level: FloatArray | None = None,
         initial_state: FloatArray | None = None,
+        longest_jitter: float = 0.0,
     ) -> None:
         """Put every lane back to time zero; see `Simulation.begin`."""
-        self.reset(delays, tracks, track_of_lane, initial_state, level)
+        self.reset(delays, tracks, track_of_lane, initial_state, level, longest_jitter)
 
 
 def physics_step(vehicle: LateralVehicle | FullVehicle, time_step: float) -> float:

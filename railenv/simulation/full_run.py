@@ -17,7 +17,8 @@ from railenv.actuation import ActuatorSpec
 from railenv.errors import ArgumentError, check_count
 from railenv.simulation.full import DEFAULT_FULL_STEP, FullBatch
 from railenv.simulation.full_stepping import DERAILED, RUNNING
-from railenv.simulation.lateral import DEFAULT_CONTROL_PERIOD, DEFAULT_TIME_STEP, LONGEST_DELAY
+from railenv.simulation.late_commands import checked_delays, send
+from railenv.simulation.lateral import DEFAULT_CONTROL_PERIOD, DEFAULT_TIME_STEP
 from railenv.track import Track
 from railenv.track.table import FULL_CHANNELS, single_track
 from railenv.units import FloatArray
@@ -79,6 +80,7 @@ class FullSimulation:
         self._batch = self._made(1, 0.0, ())
         self.steps_per_command = self._batch.recorded.shape[1]
         self._tracks: tuple[Track, ...] = ()
+        self._longest_jitter = 0.0
 
     def _made(self, num_lanes: int, longest_delay: float, tracks: tuple[Track, ...]) -> FullBatch:
         """Return lanes for these tracks: those at hand if they fit, as making them takes long."""
@@ -130,6 +132,7 @@ class FullSimulation:
         track_of_lane: NDArray[np.int64] | None = None,
         initial_state: FloatArray | None = None,
         level: FloatArray | None = None,
+        longest_jitter: float = 0.0,
     ) -> None:
         """Put every lane back to time zero with an empty delay line.
 
@@ -140,22 +143,16 @@ class FullSimulation:
             initial_state: States at the start, shape (lanes, states) or (states,); None for steady
                 rolling.
             level: Factor on the irregularity of each lane, shape (lanes,); None for one.
+            longest_jitter: What a command may be late beyond its delay [s]; see `advance`.
 
         Raises:
             ArgumentError: An array has the wrong shape, or a delay is negative or not finite.
         """
-        m = self.vehicle.num_actuators
-        if delays.ndim != 2 or delays.shape[1] != m or delays.shape[0] == 0:
-            raise ArgumentError(f"delays has shape {delays.shape}; it must be (lanes, {m})")
-        if not np.all((delays >= 0.0) & (delays <= LONGEST_DELAY)):
-            raise ArgumentError(
-                "delays holds a value that is negative, not finite or above "
-                f"{LONGEST_DELAY:g} s; give seconds"
-            )
+        longest = checked_delays(delays, self.vehicle.num_actuators, longest_jitter)
         lanes = delays.shape[0]
-        longest = float(delays.max(initial=0.0))
         self._tracks = tuple(tracks)
         batch = self._made(lanes, longest, self._tracks)
+        self._longest_jitter = longest_jitter  # there is room for it now
         batch.places.track[:] = 0
         batch.places.amplitude[:] = 1.0
         if track_of_lane is not None:
@@ -197,26 +194,31 @@ class FullSimulation:
         """
         return self._batch.recorded[:, -1].copy()
 
-    def advance(self, commands: FloatArray) -> FloatArray:
+    def advance(
+        self,
+        commands: FloatArray,
+        later: FloatArray | None = None,
+        lost: NDArray[np.bool_] | None = None,
+    ) -> FloatArray:
         """Advance every lane by one control period.
 
         Args:
             commands: Wanted forces, before the limits, shape (lanes, channels) [N].
+            later: What each command is late beyond its delay, at most the reset's `longest_jitter`,
+                shape (lanes, channels) [s]; None for nothing.
+            lost: Commands that get lost, so that the actuator holds its last one, shape (lanes,
+                channels); None for none.
 
         Returns:
             The outputs at every record step, shape (lanes, records, outputs), a new array; those of
             a lane that has ended stay as they were when it did.
 
         Raises:
-            ArgumentError: The commands have the wrong shape or are not finite, or the track ends.
+            ArgumentError: An array has the wrong shape, a value is out of its range, or the track
+                ends.
         """
         batch = self._batch
-        if commands.shape != batch.commands.shape:
-            raise ArgumentError(
-                f"commands has shape {commands.shape}; it must be {batch.commands.shape}"
-            )
-        if not np.all(np.isfinite(commands)):
-            raise ArgumentError("commands holds a value that is not finite; give newtons")
+        send(batch, commands, later, lost, self._longest_jitter)
         time = int(batch.step.max()) * batch.time_step + self._control_period
         reach = self.vehicle.speed * time
         for track in self._tracks:
@@ -225,7 +227,6 @@ class FullSimulation:
                     f"the track ends after {track.length / self.vehicle.speed:g} s; "
                     "give a longer one"
                 )
-        batch.commands[:] = commands
         self._advance(batch)
         return batch.recorded.copy()
 

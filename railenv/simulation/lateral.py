@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from railenv.actuation import ActuatorSpec
 from railenv.errors import ArgumentError, check_positive
 from railenv.simulation.batch import VehicleBatch
+from railenv.simulation.late_commands import checked_delays, send
 from railenv.simulation.plant import PlantTable
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, StateSpace
@@ -26,9 +27,6 @@ DEFAULT_TIME_STEP = 0.005
 
 SHORTEST_STEP = 1e-5
 """Shortest physics step [s]; steps are exact, so nothing is gained below."""
-
-LONGEST_DELAY = 1000.0
-"""Longest delay that is simulated [s]; its commands must be stored."""
 
 
 class LateralSimulation:
@@ -73,7 +71,7 @@ class LateralSimulation:
         self._start(1, 0.0)
 
     def _start(self, num_lanes: int, longest_delay: float) -> None:
-        self.step_count = 0
+        self.step_count, self._longest_jitter = 0, 0.0
         self._batch = VehicleBatch(
             self._table, num_lanes, self.steps_per_command, longest_delay, self.actuator
         )
@@ -113,6 +111,7 @@ class LateralSimulation:
         track_inputs: FloatArray | None = None,
         track_of_lane: NDArray[np.int64] | None = None,
         initial_state: FloatArray | None = None,
+        longest_jitter: float = 0.0,
     ) -> None:
         """Put every lane back to time zero with an empty delay line.
 
@@ -123,20 +122,18 @@ class LateralSimulation:
             track_of_lane: Track of each lane, shape (lanes,); None for the first one everywhere.
             initial_state: Vehicle states at the start, shape (lanes, states) or (states,); None for
                 rest. Lagged actuators start without force.
+            longest_jitter: What a command may be late beyond its delay [s]; see `advance`.
 
         Raises:
-            ArgumentError: An array has the wrong shape, or a delay is negative or not finite.
+            ArgumentError: An array has the wrong shape, a delay is negative or not finite, or the
+                actuator is too fast for delays that vary.
         """
         m, n = self.system.num_actuators, self.system.A.shape[0]
-        if delays.ndim != 2 or delays.shape[1] != m or delays.shape[0] == 0:
-            raise ArgumentError(f"delays has shape {delays.shape}; it must be (lanes, {m})")
-        if not np.all((delays >= 0.0) & (delays <= LONGEST_DELAY)):
-            raise ArgumentError(
-                "delays holds a value that is negative, not finite or above "
-                f"{LONGEST_DELAY:g} s; give seconds"
-            )
-        num_lanes = delays.shape[0]
-        self._start(num_lanes, float(delays.max(initial=0.0)))
+        longest, num_lanes = checked_delays(delays, m, longest_jitter), delays.shape[0]
+        # Refused while the lanes are still what they were.
+        self._batch.refuse_jitter_if_stiff(longest_jitter)
+        self._start(num_lanes, longest)
+        self._longest_jitter = longest_jitter
         state = np.zeros((num_lanes, self._table.num_states))
         if initial_state is not None:
             if initial_state.shape not in ((n,), (num_lanes, n)):
@@ -177,32 +174,36 @@ class LateralSimulation:
         """
         return self._batch.sampled.copy()
 
-    def advance(self, commands: FloatArray) -> FloatArray:
+    def advance(
+        self,
+        commands: FloatArray,
+        later: FloatArray | None = None,
+        lost: NDArray[np.bool_] | None = None,
+    ) -> FloatArray:
         """Advance every lane by one control period.
 
         Args:
             commands: Wanted forces, before the limits, shape (lanes, channels) [N].
+            later: What each command is late beyond its delay, at most the reset's `longest_jitter`,
+                shape (lanes, channels) [s]; None for nothing.
+            lost: Commands that get lost, so that the actuator holds its last one, shape (lanes,
+                channels); None for none.
 
         Returns:
             The outputs at the end of each physics step, shape (lanes, steps, outputs), a new array.
 
         Raises:
-            ArgumentError: The commands have the wrong shape or are not finite, or the track ends.
+            ArgumentError: An array has the wrong shape, a value is out of its range, or the track
+                ends.
         """
         batch = self._batch
-        if commands.shape != batch.commands.shape:
-            raise ArgumentError(
-                f"commands has shape {commands.shape}; it must be {batch.commands.shape}"
-            )
-        if not np.all(np.isfinite(commands)):
-            raise ArgumentError("commands holds a value that is not finite; give newtons")
+        send(batch, commands, later, lost, self._longest_jitter)
         first, end = self.step_count, self.step_count + self.steps_per_command
         if self._track is not None:
             if end >= self._track.shape[1]:
                 last = (self._track.shape[1] - 1) * self.time_step
                 raise ArgumentError(f"the track ends after {last:g} s; give a longer one")
             batch.track[:] = self._track[self._track_of_lane, first : end + 1]
-        batch.commands[:] = commands
         batch.advance(0, self.num_lanes)
         self.step_count = end
         return batch.recorded.copy()

@@ -19,7 +19,7 @@ import numpy as np
 
 from railenv.actuation import ActuatorSpec, SemiActiveDamper, coefficient_names
 from railenv.actuation.actuator import PAPER_FORCE_LIMIT
-from railenv.actuation.delay_line import IntArray
+from railenv.actuation.delay_line import BoolArray, IntArray
 from railenv.errors import ArgumentError, check_positive
 from railenv.simulation.batch import VehicleBatch
 from railenv.simulation.lateral import (
@@ -129,22 +129,30 @@ class SemiActiveSimulation(LateralSimulation):
                 self.damper.lowest,
             )
 
-    def advance(self, commands: FloatArray) -> FloatArray:
+    def advance(
+        self,
+        commands: FloatArray,
+        later: FloatArray | None = None,
+        lost: BoolArray | None = None,
+    ) -> FloatArray:
         """Advance every lane by one control period.
 
         Args:
             commands: Wanted coefficients, before the damper's range, shape (lanes, channels)
                 [N s/m].
+            later: What each command is late beyond its delay; see `LateralSimulation.advance`.
+            lost: Commands that get lost, so that the damper keeps its last one.
 
         Returns:
             The outputs at the end of each record step, shape (lanes, steps, outputs), a new array.
 
         Raises:
-            ArgumentError: The commands have the wrong shape or are not finite, or the track ends.
+            ArgumentError: An array has the wrong shape, a value is out of its range, or the track
+                ends.
         """
         if not np.all(np.isfinite(commands)):
             raise ArgumentError("commands holds a value that is not finite; give N s/m")
-        return super().advance(self.damper.limited(commands))
+        return super().advance(self.damper.limited(commands), later, lost)
 
 
 def _damper_arrays(
@@ -212,6 +220,9 @@ class _DamperBatch(VehicleBatch):
         super().start(lanes, vehicles, delays, state)
         self.sampled = np.zeros((len(self.step), len(self._dampers.source)))
         begin_dampers(self.plant, self._dampers, self.lanes, self.sampled)
+
+    def refuse_jitter_if_stiff(self, jitter: float) -> None:
+        """Refuse nothing: a late coefficient is integrated exactly, whatever the vehicle."""
 
     def advance(self, first: int, end: int) -> None:
         """Send the commands of the lanes from `first` to before `end` and advance them a period."""
