@@ -21,8 +21,8 @@ _skipped: list[str] = []
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Note what was skipped for another reason than a missing accelerator."""
-    if report.skipped and "gpu" not in report.keywords:
+    """Note what was skipped for another reason than a missing accelerator or browser."""
+    if report.skipped and not {"gpu", "browser"} & set(report.keywords):
         _skipped.append(report.nodeid)
 
 
@@ -35,7 +35,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """In CI a skipped test is a failed one: everything it needs can be installed there."""
+    """In CI a skipped test is a failed one: what pip can install is there."""
     if _skipped and os.environ.get("CI"):
         print("\nskipped in CI:", *_skipped, sep="\n  ")
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
