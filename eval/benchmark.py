@@ -1,200 +1,193 @@
-"""Runs a suite: every cell's measures, every group's critical delays and root locus.
+"""Runs a suite: packages of cells over a pool of workers, into the records of a folder.
 
-A group (controller, layout, speed) runs as one batch over delays, tracks and seeds. Groups are
-independent, so that the result does not depend on the number of worker processes.
+What is missing is run, what is there is kept. Whole packages are written at once; so a run that was
+killed at any moment and is resumed has the rows of one that was not, bit for bit, on any number of
+workers (`eval.packages`).
 """
 
-import multiprocessing
-import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from baselines import make_controller
-from eval.delay_sweep import simulated_critical_delay, unstable_by_simulation
-from eval.measures import measure
-from eval.records import provenance, write_records
-from eval.rollout import rollout
-from eval.sampled_answers import LONGEST_SCAN, design_delays, sampled_loop, windows_answer
-from eval.scenarios import Suite, cell_key
-from eval.stability_answers import (
-    critical_delay_answer,
-    delay_system,
-    is_sampled_only,
-    root_locus,
-)
+from eval.benchmark_stability import StabilityWork, stability_answer
+from eval.cells import CellWork, described, run_package
+from eval.entries import Entry
+from eval.packages import PASSIVE, REFERENCE, Package, packages_of
+from eval.scenarios import Suite, commitment
+from eval.store.cell import Cell
+from eval.store.schema import MEASURES
+from eval.store.settings import RunSettings
+from eval.store.store import Store
+from eval.workers import Limits, Outcome, Pool
 from railenv.config import to_dict
-from railenv.errors import RailenvError
-from railenv.files import make_folder
-from railenv.simulation import required_length
-from railenv.stability import sampled_growth_rate, unstable_at
-from railenv.track import make_track
-from railenv.units import FloatArray
-from railenv.vehicle import LateralVehicle, lateral17
 
-MAX_DELAY = 2.0
-"""Longest delay searched for crossings [s]."""
+GIVE_UP = 3
+"""Packages of one controller in which it may hang or eat its memory before the rest is left out."""
 
-Group = tuple[str, str, float]
+_COSTLY = ("timeout", "memory")
+"""Ends of a package that cost a limit's worth of time."""
+
+Work = CellWork | StabilityWork
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """What is run.
+
+    Attributes:
+        suite: The suite.
+        entries: Controllers that take part; passive and reference run besides.
+        limits: What one package may use.
+        salt: Private salt of the test tracks; "" for the public ones.
+    """
+
+    suite: Suite
+    entries: tuple[Entry, ...]
+    limits: Limits
+    salt: str = ""
+
+    def settings(self) -> RunSettings:
+        """Return what the results depend on."""
+        limits = {"seconds": self.limits.seconds, "memory_bytes": self.limits.memory_bytes}
+        suite = self.suite
+        return RunSettings(suite.name, suite.version, to_dict(suite), limits, commitment(self.salt))
+
+    def everyone(self) -> list[Entry]:
+        """Return all controllers, passive and reference first."""
+        given = [entry for entry in self.entries if entry.spec != PASSIVE]
+        return [Entry(PASSIVE, "untold", None), Entry(REFERENCE, "untold", None), *given]
+
+    @cached_property
+    def packages(self) -> list[Package]:
+        """All packages; those of the nonlinear vehicle, which take longest, come first."""
+        found = [
+            package
+            for entry in self.everyone()
+            for package in packages_of(self.suite, entry.spec, entry.layout, entry.models)
+        ]
+        return sorted(found, key=lambda package: package.scenarios[0].model != "full50")
+
+
+def open_store(benchmark: Benchmark, folder: Path, *, resume: bool) -> Store:
+    """Open the records of a folder, new or to be resumed.
+
+    Raises:
+        ArgumentError: There are records and none is to be resumed, or other settings are in them.
+        OutputError: The folder cannot be written.
+    """
+    settings = benchmark.settings()
+    return Store.resume(folder, settings) if resume else Store.create(folder, settings)
 
 
 def run_benchmark(
-    suite: Suite,
-    folder: Path,
+    benchmark: Benchmark,
+    store: Store,
+    pool: Pool,
     command: str,
-    jobs: int = 1,
-    progress: Callable[[Group], None] | None = None,
-) -> dict[str, Any]:
-    """Run a suite and write its records.
+    progress: Callable[[str, int], None] | None = None,
+) -> None:
+    """Run what is missing.
 
     Args:
-        suite: What to run.
-        folder: Where `records.json` goes; made if missing.
-        command: How it was called, for the record.
-        jobs: Worker processes; the result does not depend on it.
-        progress: Called when a group is done.
-
-    Returns:
-        The records.
+        benchmark: What is run.
+        store: Its records, open for writing.
+        pool: Runs the packages.
+        command: How the program was called, for the record.
+        progress: Called with a controller and the number of its cells that are just done.
 
     Raises:
-        OutputError: The folder cannot be written.
+        ArgumentError: A controller is not the one that the records were begun with.
+        OutputError: The records cannot be written.
     """
-    make_folder(folder)
-    started = time.perf_counter()
-    groups = list(suite.groups())
-    results: dict[Group, dict[str, Any]] = {}
-    for group, result in _results(suite, groups, jobs):
-        results[group] = result
-        if progress is not None:
-            progress(group)
-    ordered = [results[group] for group in groups]
-    records = {
-        "suite": to_dict(suite),
-        "provenance": provenance(command, time.perf_counter() - started),
-        "cells": [cell for result in ordered for cell in result["cells"]],
-        "stability": [result["stability"] for result in ordered if result["stability"]],
-        "failures": [result["failure"] for result in ordered if result["failure"]],
+    store.begin_session(command)
+    for entry in benchmark.everyone():
+        store.add_controller(entry.spec, entry.division, entry.sha256)
+    tell = progress or (lambda _spec, _cells: None)
+    todo = missing(benchmark, store)
+    lost = _lost_before(store)
+    for outcome in pool.run(run_work, _allowed(todo, lost)):
+        if isinstance(outcome.task, StabilityWork):
+            _note_stability(store, outcome.task, outcome)
+            continue
+        package = outcome.task.package
+        if outcome.status in _COSTLY:
+            lost.setdefault(package.controller, []).append(outcome.status)
+        _note(store, package, outcome.status, outcome.message, outcome.value, outcome.seconds)
+        tell(package.controller, len(package.scenarios))
+    for work in missing(benchmark, store):
+        # What was left out.
+        if isinstance(work, CellWork):
+            package = work.package
+            words = f"left out after {GIVE_UP} packages that hung or took too much memory"
+            # The same word as of the packages before it, so that how many workers were at it
+            # when it was given up cannot be told from the rows.
+            _note(store, package, lost[package.controller][0], words, None, 0.0)
+            tell(package.controller, len(package.scenarios))
+        else:
+            store.add_stability(*work.place, {"error": "left out"})
+
+
+def run_work(work: Work) -> Any:
+    """Do one piece of work, in a worker."""
+    return run_package(work) if isinstance(work, CellWork) else stability_answer(work)
+
+
+def missing(benchmark: Benchmark, store: Store) -> list[Work]:
+    """Return the work that is not in the records."""
+    done = store.done()
+    answered = {
+        (row["controller"], row["layout"], row["vehicle"], row["speed_kmh"])
+        for row in store.stability()
     }
-    write_records(folder, records)
-    return records
+    work: list[Work] = [
+        CellWork(benchmark.suite, benchmark.salt, package)
+        for package in benchmark.packages
+        if (package.controller, package.name) not in done
+    ]
+    layouts = list(dict.fromkeys(s.layout for s in benchmark.suite.scenarios))
+    for entry in benchmark.everyone():
+        if entry.spec == REFERENCE:
+            continue  # it runs without delay, and for the yardstick alone
+        for layout in layouts if entry.layout is None else [entry.layout]:
+            question = StabilityWork(entry.spec, layout)
+            if question.place not in answered:
+                work.append(question)
+    return work
 
 
-def _results(
-    suite: Suite, groups: list[Group], jobs: int
-) -> Iterator[tuple[Group, dict[str, Any]]]:
-    if jobs <= 1:
-        for group in groups:
-            yield group, run_group(suite, group)
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max_workers=jobs, mp_context=context) as pool:
-        futures = {pool.submit(run_group, suite, group): group for group in groups}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BrokenProcessPool:
-            raise RailenvError(
-                "a worker process died, perhaps killed by a controller; "
-                "run with --jobs 1 to see which one"
-            ) from None
-        finally:
-            # After an interruption nobody waits for the groups that are still running.
-            if not all(future.done() for future in futures):
-                pool.shutdown(wait=False, cancel_futures=True)
-                for process in multiprocessing.active_children():
-                    process.terminate()
+def _lost_before(store: Store) -> dict[str, list[str]]:
+    """Return by controller how the packages ended that earlier sessions have lost to a limit."""
+    found: dict[str, dict[object, str]] = {}
+    for status in _COSTLY:
+        for row in store.rows(status=status):
+            found.setdefault(str(row["controller"]), {})[row["package"]] = status
+    return {spec: list(packages.values()) for spec, packages in found.items()}
 
 
-def run_group(suite: Suite, group: Group) -> dict[str, Any]:
-    """Run one group's cells and ask the oracle about its loop.
-
-    A controller that fails costs its own cells only: the group then has a `failure` and no cells.
-    If only the oracle cannot answer, the cells stay and the failure says why.
-    """
-    spec, layout, speed_kmh = group
-    where = {"controller": spec, "layout": layout, "speed_kmh": speed_kmh}
-    vehicle = lateral17(suite.vehicle, layout, speed_kmh)
-    result: dict[str, Any] = {"cells": [], "stability": None, "failure": None}
-    try:
-        result["cells"] = _cells(suite, spec, vehicle, speed_kmh)
-        answer, unstable = _stability(suite, spec, vehicle)
-        result["stability"] = {**where, "vehicle": suite.vehicle, **answer}
-    except RailenvError as error:
-        unstable = {}
-        result["failure"] = {**where, "error": str(error)}
-    for cell in result["cells"]:
-        cell["unstable"] = unstable.get(cell["delay_s"])
-    return result
+def _allowed(todo: Sequence[Work], lost: dict[str, list[str]]) -> Iterator[Work]:
+    """Yield the work of all controllers that have not been given up by then."""
+    for work in todo:
+        spec = work.package.controller if isinstance(work, CellWork) else work.controller
+        if len(lost.get(spec, ())) < GIVE_UP:
+            yield work
 
 
-def _cells(
-    suite: Suite, spec: str, vehicle: LateralVehicle, speed_kmh: float
-) -> list[dict[str, Any]]:
-    stepping = suite.stepping()
-    length = required_length(vehicle, suite.duration)
-    places = [(track, seed) for track in suite.tracks for seed in suite.seeds]
-    tracks = [make_track(track, length, seed) for track, seed in places]
-    # Without actuators the delay means nothing: one run serves all delays.
-    delays = suite.delays if vehicle.num_actuators else suite.delays[:1]
-    lanes = [(place, delay) for place in range(len(places)) for delay in delays]
-    lane_delays: FloatArray = np.array(
-        [[delay] * vehicle.num_actuators for _, delay in lanes], dtype=float
-    ).reshape(len(lanes), vehicle.num_actuators)
-    trajectory = rollout(
-        make_controller(spec, vehicle.layout, suite.vehicle, speed_kmh),
-        vehicle,
-        lane_delays,
-        suite.duration,
-        tracks=tracks,
-        track_of_lane=np.array([place for place, _ in lanes]),
-        stepping=stepping,
-    )
-    measures = measure(trajectory, suite.skip, suite.force_limit)
-    cells: list[dict[str, Any]] = []
-    for lane, (place, delay) in enumerate(lanes):
-        track, seed = places[place]
-        for shown in [delay] if vehicle.num_actuators else suite.delays:
-            key = cell_key(spec, vehicle.layout, speed_kmh, track, seed, shown)
-            where = {"key": key, "controller": spec, "layout": vehicle.layout}
-            run = {"speed_kmh": speed_kmh, "track": track, "seed": seed, "delay_s": shown}
-            cells.append({**where, **run, **measures.lane(lane)})
-    return cells
+def _note(
+    store: Store, package: Package, status: str, message: str, rows: Any, seconds: float
+) -> None:
+    """Write a package's rows; without numbers where its worker was lost."""
+    if status != "done":
+        rows = [{**described(s), "status": status} for s in package.scenarios]
+    cells: list[Cell] = []
+    for row in rows:
+        place = {name: value for name, value in row.items() if name not in MEASURES}
+        measures = {name: row[name] for name in MEASURES if name in row}
+        cells.append(Cell(**place, measures=measures, message="" if status == "done" else message))
+    store.add_package(package.controller, package.name, cells, seconds, failed=status != "done")
 
 
-def _stability(
-    suite: Suite, spec: str, vehicle: LateralVehicle
-) -> tuple[dict[str, Any], dict[float, bool | None]]:
-    """Return the oracle's answer, and for each delay whether the sampled loop is unstable there.
-
-    A law that is linear only from sample to sample has its stable windows as answer; one that is
-    not linear is bracketed by simulation.
-    """
-    controller = make_controller(spec, vehicle.layout, suite.vehicle, 3.6 * vehicle.speed)
-    period = suite.control_period
-    if is_sampled_only(controller):
-        loop = sampled_loop(controller, vehicle, period)
-        longest = max(LONGEST_SCAN, *suite.delays)
-        # Looked at beside the others, so that a window as narrow as one cell is not missed.
-        also = (*suite.delays, *design_delays(controller, longest))
-        answer = windows_answer(loop, vehicle, longest, also)
-        return {**answer, "root_locus": None}, {d: unstable_at(loop, d) > 0 for d in suite.delays}
-    if not hasattr(controller, "to_delay_system"):
-        longest = max(*suite.delays, period)
-        answer = simulated_critical_delay(
-            controller, vehicle, stepping=suite.stepping(), max_delay=longest
-        )
-        return {**answer, "root_locus": None}, unstable_by_simulation(answer, suite.delays)
-    system = delay_system(controller, vehicle)
-    answer = critical_delay_answer(system, vehicle, period, MAX_DELAY)
-    # Without channels the delay means nothing: one look serves all.
-    looked = suite.delays if system.num_channels else suite.delays[:1]
-    grows = [sampled_growth_rate(system, delay, period) > 0.0 for delay in looked]
-    unstable: dict[float, bool | None] = dict(
-        zip(suite.delays, grows * (len(suite.delays) // len(looked)), strict=True)
-    )
-    return {**answer, "root_locus": root_locus(system, vehicle)}, unstable
+def _note_stability(store: Store, work: StabilityWork, outcome: Outcome[Any]) -> None:
+    answer = outcome.value if outcome.status == "done" else {"error": outcome.message}
+    store.add_stability(*work.place, answer)

@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
+from eval.benchmark_arguments import add_benchmark_arguments
 from eval.conicity_arguments import add_conicity_arguments
 from eval.full50_arguments import add_model_arguments
 from eval.hunting_arguments import add_hunting_arguments
@@ -190,17 +191,10 @@ def _parser() -> argparse.ArgumentParser:
     add_hunting_arguments(hunting)
     add_json_argument(hunting)
 
-    benchmark = commands.add_parser("benchmark", help="score controllers; table and report")
-    benchmark.add_argument("--suite", default="quick", help="name of a suite (quick)")
-    benchmark.add_argument(
-        "--controller", action="append", metavar="SPEC", help="instead of the suite's own; repeat"
-    )
-    benchmark.add_argument("--jobs", default="1", help="worker processes (1)")
-    benchmark.add_argument("--out", help="folder for records and report (runs/<suite>)")
-    add_json_argument(benchmark)
-
+    add_benchmark_arguments(commands)
     report = commands.add_parser("report", help="one HTML page from a benchmark's records")
-    report.add_argument("folder", help="folder of a finished benchmark")
+    report.add_argument("folder", help="folder of a benchmark's records")
+    add_json_argument(report)
 
     add_training_arguments(commands)
     add_score_arguments(commands)

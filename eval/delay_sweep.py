@@ -9,7 +9,7 @@ tends to zero; everything else is called unstable.
 The answer includes the controller's sampling. It is a bracket, called an estimate.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -130,28 +130,3 @@ def simulated_critical_delay(
         beyond = float(delays[np.flatnonzero(~stable)[0]])
         answer["limit_cycle"] = probe.limit_cycle(beyond)
     return answer
-
-
-def unstable_by_simulation(
-    answer: dict[str, Any], delays: Sequence[float]
-) -> dict[float, bool | None]:
-    """Read from a simulated answer whether the loop is unstable at some delays.
-
-    Args:
-        answer: What `simulated_critical_delay` returned.
-        delays: Delays up to the answer's longest one [s].
-
-    Returns:
-        For each delay, None inside a bracket.
-    """
-    verdicts: dict[float, bool | None] = {}
-    for delay in delays:
-        unstable: bool | None = answer["critical_delay_sampled_s"] == 0.0
-        for crossing in answer["crossings"]:
-            low, high = crossing["bracket_s"]
-            if low < delay < high:
-                unstable = None
-            elif delay >= high:
-                unstable = crossing["direction"] == "unstable"
-        verdicts[delay] = unstable
-    return verdicts

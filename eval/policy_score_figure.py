@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from eval.chart_plot import check_drawing
-from eval.charts import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
+from eval.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from eval.policy_score_references import LQG, PASSIVE, PREVIEW, SKYHOOK, YARDSTICK
 from railenv.files import replacing
 

@@ -145,6 +145,7 @@ def time_domain(
     vehicle: Vehicle,
     longest: float = LONGEST,
     progress: Callable[[str], None] | None = None,
+    resolution: float = 2.0 * FINEST,
 ) -> dict[str, Any]:
     """Return the critical delay by simulation, the controller told the true delay.
 
@@ -153,6 +154,7 @@ def time_domain(
         vehicle: The vehicle.
         longest: Longest delay [s].
         progress: Called with a word on every batch of runs.
+        resolution: Width of the bracket [s].
 
     Returns:
         `critical_delay_s` (None if none is found up to `longest_s`), `bracket_s`, `frequency_hz`
@@ -164,7 +166,7 @@ def time_domain(
         vehicle,
         stepping=Stepping(control_period=period),
         max_delay=longest,
-        resolution=2.0 * FINEST,
+        resolution=resolution,
         progress=progress,
     )
     answer = {key: found[key] for key in ("bracket_s", "frequency_hz", "mode")}

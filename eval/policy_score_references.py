@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from baselines import make_controller
-from baselines.controller import LinearFeedback
-from eval.policy_score_runs import Comfort, PerDelay, Trial, comfort_of
+from baselines.controller import Controller, LinearFeedback
+from eval.policy_score_runs import Comfort, Trial, comfort_of
+from eval.told_designs import PLACE, ToldDesigns
 from eval.zoo import SKYHOOK_GAINS
 from railenv.errors import ArgumentError
 from railenv.simulation import DEFAULT_CONTROL_PERIOD
@@ -134,18 +135,10 @@ def with_designs(
         if name in rows:
             continue
         tell(name)
-        told = [max(0.0, delay + error) for delay in trial.delays]
-        laws = [
-            make_controller(
-                spec.replace("{delay}", repr(delay)),
-                references.layout,
-                trial.parameters,
-                trial.speed_kmh,
-            )
-            for delay in told
-        ]
+        made = _mistaken(spec, error, references.layout, trial.parameters, trial.speed_kmh)
+        laws = ToldDesigns(made)
         noise = 0.0 if name == YARDSTICK else None
-        rows[name] = comfort_of(PerDelay(laws), trial, sensor_noise=noise)
+        rows[name] = comfort_of(laws, trial, sensor_noise=noise)
     return replace(references, rows=rows)
 
 
@@ -178,6 +171,18 @@ def error_words(error: float) -> str:
         return "told the delay"
     word = "much" if error > 0.0 else "little"
     return f"told {abs(1000 * error):g} ms too {word}"
+
+
+def _mistaken(
+    spec: str, error: float, layout: str, vehicle: str, speed_kmh: float
+) -> Callable[[float], Controller]:
+    """Return what makes the law that is designed for a delay and an error [s]."""
+
+    def made(delay: float) -> Controller:
+        told = repr(max(0.0, delay + error))
+        return make_controller(spec.replace(PLACE, told), layout, vehicle, speed_kmh)
+
+    return made
 
 
 def _unstable(law: object, trial: Trial, layout: str) -> list[bool]:

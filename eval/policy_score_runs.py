@@ -22,13 +22,13 @@ from eval.zoo import DELAYS, weighted_acceleration
 from railenv.errors import ArgumentError, check_count, check_not_negative, check_positive
 from railenv.simulation import wheelset_inputs, whole_multiple
 from railenv.track import Track, make_track
+from railenv.track.seed_domains import FIRST_TEST_SEED
 from railenv.units import FloatArray
 from railenv.vehicle import LateralVehicle, VehicleParameters, lateral17
 from railenv.vehicle.nonlinear import full50
 
-SCORING_SEEDS = 1_000_000_000
-"""Seed of the first scoring track; the others follow it. Training and the judging of checkpoints
-take seeds below a million (`baselines.training.method.TRAINING_SEEDS`)."""
+SCORING_SEEDS = FIRST_TEST_SEED
+"""Seed of the first scoring track; the others follow it."""
 
 _MOST_TRACKS = 100
 _SEGMENT = 5.0
@@ -153,39 +153,6 @@ class Comfort:
             self.weighted[rows],
             self.diverged[rows],
         )
-
-
-class PerDelay:
-    """Laws of one kind, each designed for its delay, run side by side in one batch.
-
-    Args:
-        laws: One per delay; all measure the same columns. Lanes come in as many equal blocks.
-    """
-
-    def __init__(self, laws: Sequence[Controller]) -> None:
-        self.laws = tuple(laws)
-        for name in ("layout", "measures", "action_scale", "control_period"):
-            if hasattr(laws[0], name):
-                setattr(self, name, getattr(laws[0], name))
-
-    def reset(self, num_lanes: int, seed: int) -> None:
-        """Start every law with its block of lanes."""
-        block, rest = divmod(num_lanes, len(self.laws))
-        if rest:
-            raise ArgumentError(
-                f"num_lanes = {num_lanes} is no multiple of the number of laws, {len(self.laws)}; "
-                "give every law as many lanes as the others"
-            )
-        self._blocks = [slice(k * block, (k + 1) * block) for k in range(len(self.laws))]
-        for law in self.laws:
-            law.reset(block, seed)
-
-    def act(self, observations: FloatArray) -> FloatArray:
-        """Return actions, each block's by its law."""
-        acts = [
-            law.act(observations[rows]) for law, rows in zip(self.laws, self._blocks, strict=True)
-        ]
-        return np.concatenate(acts)
 
 
 def comfort_of(

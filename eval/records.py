@@ -1,13 +1,5 @@
-"""A benchmark's records: one JSON file with everything a report needs.
+"""Where numbers come from: versions, revision, machine and time; and text files written whole."""
 
-Layout of `records.json`: `schema` (number), `suite` (its settings), `provenance` (versions,
-machine, command, time), `cells` (one entry per run: key, controller, layout, speed_kmh, track,
-seed, delay_s and the fields of `eval.measures.RunMeasures`, and `unstable`: the oracle's word at
-that delay), `stability` (one entry per group: critical delays, crossings, root locus), `failures`
-(groups whose controller failed, with the reason).
-"""
-
-import json
 import os
 import platform
 import subprocess
@@ -17,12 +9,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from railenv.errors import InputFileError
 from railenv.files import replacing
-
-SCHEMA = 1
-RECORDS_FILE = "records.json"
-_SECTIONS = ("suite", "provenance", "cells", "stability", "failures")
 
 
 def provenance(command: str, seconds: float) -> dict[str, Any]:
@@ -61,42 +48,3 @@ def write_text(path: Path, text: str) -> None:
     """
     with replacing(path) as stream:
         stream.write(text.encode())
-
-
-def write_records(folder: Path, records: dict[str, Any]) -> Path:
-    """Write a benchmark's records and return the file.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
-    path = folder / RECORDS_FILE
-    write_text(path, json.dumps({"schema": SCHEMA, **records}, indent=1, allow_nan=False) + "\n")
-    return path
-
-
-def read_records(folder: Path) -> dict[str, Any]:
-    """Read a benchmark's records.
-
-    Raises:
-        InputFileError: There are none, or the file does not follow the format.
-    """
-    path = folder / RECORDS_FILE
-    try:
-        records = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
-    except OSError as error:
-        raise InputFileError(
-            f"cannot read {path}: {error.strerror}; give the folder of a finished benchmark"
-        ) from None
-    except (ValueError, RecursionError) as error:
-        raise InputFileError(f"{path} is not JSON: {error}") from None
-    schema = records.get("schema") if isinstance(records, dict) else None
-    if type(schema) is not int or schema != SCHEMA:
-        raise InputFileError(f"{path} has schema {schema!r}; this version reads schema {SCHEMA}")
-    missing = [name for name in _SECTIONS if name not in records]
-    if missing:
-        raise InputFileError(f"{path} lacks {', '.join(missing)}; run the benchmark again")
-    return records
-
-
-def _refuse(constant: str) -> float:
-    raise ValueError(f"{constant} is no JSON number")

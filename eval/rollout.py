@@ -137,6 +137,7 @@ class ControlledBatch:
         level: FloatArray | None = None,
         track_inputs: FloatArray | None = None,
         channel: VaryingDelay | None = None,
+        noise_seeds: Sequence[int] | None = None,
     ) -> None:
         """Start every lane, at rest if nothing else is said.
 
@@ -151,6 +152,8 @@ class ControlledBatch:
                 see `railenv.simulation.wheelset_inputs`.
             channel: What varies in the channels beside these delays; None for nothing. A controller
                 is told the delays without it.
+            noise_seeds: Seed of each lane's noise; equal seeds are equal noise; None for seeds that
+                follow from `seed` and the lane's number.
         """
         lanes = delays.shape[0]
         self._draws = ChannelDraws(channel, lanes, self.vehicle.num_actuators)
@@ -163,7 +166,10 @@ class ControlledBatch:
             raise ArgumentError("track_inputs is for the linear vehicle; give tracks")
         self._observer.reset(lanes)
         noise = self.stepping.sensor_noise
-        self._readings = NoisyReadings(self._observer.names, noise, lanes, seed)
+        streams = [(seed, lane) for lane in range(lanes)]
+        if noise_seeds is not None:
+            streams = [(own,) for own in noise_seeds]
+        self._readings = NoisyReadings(self._observer.names, noise, streams)
         self.blown_up = np.zeros(lanes, dtype=bool)
         self._call("reset", lambda: self.controller.reset(lanes, seed))
         tell: Callable[[FloatArray], None] | None = getattr(self.controller, "tell", None)
@@ -253,6 +259,7 @@ def rollout(
     progress: Callable[[int], None] | None = None,
     watch: Callable[[ControlledBatch, FloatArray], None] | None = None,
     channel: VaryingDelay | None = None,
+    noise_seeds: Sequence[int] | None = None,
 ) -> Trajectory:
     """Run a controller for a while.
 
@@ -272,6 +279,7 @@ def rollout(
         watch: Called after every control period with the batch and what was recorded in it, shape
             (lanes, steps, record).
         channel: What varies in the channels beside these delays; None for nothing.
+        noise_seeds: Seed of each lane's noise, see `ControlledBatch.reset`.
 
     Returns:
         Recorded signals at every physics step; lanes that blew up end in NaN.
@@ -283,7 +291,15 @@ def rollout(
     steps = Stepping() if stepping is None else stepping
     names = (*ACCELERATIONS, *force_names(vehicle)) if record is None else record
     batch = ControlledBatch(controller, vehicle, names, steps)
-    batch.reset(delays, tracks, track_of_lane, seed, track_inputs=track_inputs, channel=channel)
+    batch.reset(
+        delays,
+        tracks,
+        track_of_lane,
+        seed,
+        track_inputs=track_inputs,
+        channel=channel,
+        noise_seeds=noise_seeds,
+    )
     periods = whole_multiple("duration", duration, "control_period", steps.control_period)
     per_period = batch.simulation.steps_per_command
     values = np.empty((delays.shape[0], periods * per_period, len(names)))

@@ -23,23 +23,24 @@ class NoisyReadings:
     Args:
         names: Measured columns: outputs or states of either vehicle.
         share: Standard deviation of the noise in units of the controlled response [1].
-        num_lanes: Number of lanes.
-        seed: Lane k draws from a stream of this number and k, whatever the number of lanes.
+        streams: Whole numbers from zero up that name each lane's stream; a lane's noise follows
+            from them alone, whatever the number of lanes.
 
     Raises:
-        ArgumentError: `share` is negative or not finite, or `seed` is no whole number from zero up.
+        ArgumentError: `share` is negative or not finite, or a stream's number is none.
     """
 
-    def __init__(self, names: Sequence[str], share: float, num_lanes: int, seed: int) -> None:
+    def __init__(
+        self, names: Sequence[str], share: float, streams: Sequence[tuple[int, ...]]
+    ) -> None:
         usual = np.array([usual_reading(name) for name in names], dtype=np.float64)
         deviation = check_not_negative("sensor_noise", share) * usual
-        self._noise = MeasurementNoise(deviation, num_lanes)
+        self._noise = MeasurementNoise(deviation, len(streams))
         self._streams: list[np.random.Generator] = []
         if self._noise:
-            first, lanes = check_count("seed", seed, minimum=0), range(num_lanes)
-            keys = [[_STREAM, first, lane] for lane in lanes]
-            self._streams = [np.random.Generator(np.random.PCG64(key)) for key in keys]
-            self._noise.draw(lanes, self._stream)
+            keys = [[check_count("seed", n, minimum=0) for n in numbers] for numbers in streams]
+            self._streams = [np.random.Generator(np.random.PCG64([_STREAM, *k])) for k in keys]
+            self._noise.draw(range(len(streams)), self._stream)
 
     def of(self, measured: FloatArray) -> FloatArray:
         """Return what the sensors show at the next measurement.

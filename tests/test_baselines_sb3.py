@@ -366,6 +366,7 @@ def test_ppo_learns_and_reads_returns_and_lengths() -> None:
     assert [episode["l"] for episode in model.ep_info_buffer] == [20] * 4
 
 
+@pytest.mark.slow
 def test_sac_keeps_the_terminal_observation_of_each_episode() -> None:
     adapter = make_vec_env(2, seed=0, **SHORT)
     small = {"net_arch": [8]}

@@ -194,6 +194,7 @@ def test_a_search_with_other_ranges_is_not_resumed(tmp_path: Path) -> None:
         Search(other, tmp_path / "s").run(resume=True)
 
 
+@pytest.mark.slow
 def test_a_second_search_in_a_folder_is_refused_until_the_first_is_gone(tmp_path: Path) -> None:
     first = subprocess.Popen(
         [sys.executable, "-c", HOLDER, str(tmp_path)],

@@ -6,11 +6,12 @@ from typing import Any
 import pytest
 
 from baselines.training import settings as module
-from baselines.training.method import METHODS, TRAINING_POOLS, TRAINING_SEEDS, episode_seed
+from baselines.training.method import METHODS, episode_seed
 from baselines.training.settings import TrainingSettings, load_settings, settings_from
 from baselines.training.toml_text import toml_text
 from railenv.config import config_names, config_path
 from railenv.errors import ArgumentError
+from railenv.track.seed_domains import TRAINING_POOLS, TRAINING_SEEDS
 from railenv.vehicle.coordinates import actuator_positions
 
 pytest.importorskip("torch")

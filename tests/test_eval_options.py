@@ -2,19 +2,17 @@
 
 import json
 from argparse import Namespace
-from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
 import pytest
 
 from baselines import SkyHook
-from eval import benchmark, command_benchmark, command_simulate, command_stability
+from eval import command_simulate, command_stability
 from eval.arguments import parse_stepping
 from eval.cli import main
 from eval.measures import measure
 from eval.rollout import Stepping, rollout
-from eval.scenarios import load_suite
 from eval.stability_answers import delay_system
 from railenv.actuation import ActuatorSpec
 from railenv.simulation import required_length, wheelset_inputs
@@ -232,59 +230,3 @@ def test_roots_are_those_of_the_loop_that_every_option_says(capsys) -> None:
     found = [complex(r["re"], r["im"]) for r in answer(capsys, "roots", options)["roots"]]
     estimates = [mode.root for mode in rightmost_roots(loop(), (0.1, 0.3), 4)]
     assert found == pytest.approx(estimates, rel=1e-10)  # the estimates' own rounding
-
-
-def benchmarked(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[Any, ...]:
-    """What `railenv benchmark` hands on; the run itself is left out."""
-    asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(command_benchmark, "run_benchmark", lambda *a: asked.append(a) or {})
-    monkeypatch.setattr(command_benchmark, "write_report", lambda *_: None)
-    main(["benchmark", "--suite", "smoke", *arguments, "--json"])
-    return asked[0]
-
-
-@pytest.mark.parametrize(("given", "jobs"), [([], 1), (["--jobs", "3"], 3)])
-def test_jobs_are_handed_on(tmp_path, monkeypatch, capsys, given: list[str], jobs: int) -> None:
-    assert benchmarked(monkeypatch, "--out", str(tmp_path), *given)[3] == jobs
-
-
-def test_controllers_given_replace_the_suites_own(tmp_path, monkeypatch, capsys) -> None:
-    given = ("--controller", "zero", "--controller", "skyhook", "--controller", "zero")
-    suite = benchmarked(monkeypatch, "--out", str(tmp_path), *given)[0]
-    assert suite.controllers == ("zero", "skyhook")
-
-
-def test_without_out_the_records_go_to_a_folder_named_after_the_suite(
-    tmp_path, monkeypatch, capsys
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert benchmarked(monkeypatch)[1].resolve() == tmp_path / "runs" / "smoke"
-
-
-@pytest.mark.parametrize(("jobs", "pools"), [(1, []), (3, [3])])
-def test_as_many_workers_are_started_as_jobs_were_given(
-    tmp_path, monkeypatch: pytest.MonkeyPatch, jobs: int, pools: list[int]
-) -> None:
-    started: list[int] = []
-
-    class Inline:
-        """Runs at once what a pool would run elsewhere."""
-
-        def __init__(self, max_workers: int, mp_context: object) -> None:
-            started.append(max_workers)
-
-        def __enter__(self) -> "Inline":
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-        def submit(self, function: Any, *arguments: Any) -> Future:
-            future: Future = Future()
-            future.set_result(function(*arguments))
-            return future
-
-    nothing = {"cells": [], "stability": None, "failure": None}
-    monkeypatch.setattr(benchmark, "ProcessPoolExecutor", Inline)
-    monkeypatch.setattr(benchmark, "run_group", lambda *_: nothing)
-    benchmark.run_benchmark(load_suite("smoke"), tmp_path, "test", jobs)
-    assert started == pools

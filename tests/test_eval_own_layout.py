@@ -16,7 +16,8 @@ from eval.policy_score_references import (
     passive_and_skyhook,
     with_designs,
 )
-from eval.policy_score_runs import PerDelay, Trial, comfort_of
+from eval.policy_score_runs import Trial, comfort_of
+from eval.told_designs import ToldDesigns
 from railenv.errors import ArgumentError
 
 COMMANDS = {
@@ -99,7 +100,8 @@ def test_references_act_on_the_layout_of_the_policies(monkeypatch: pytest.Monkey
 
 
 def test_laws_side_by_side_have_the_layout_of_each() -> None:
-    assert getattr(PerDelay([make_controller("skyhook", "2")] * 2), "layout", None) == "2"
+    designs = ToldDesigns(lambda _: make_controller("skyhook", "2"))
+    assert getattr(designs, "layout", None) == "2"
 
 
 @pytest.mark.parametrize("kind", ["gated", "linear", "skyhook"])

@@ -9,7 +9,6 @@ from baselines import make_controller
 from baselines.policies import History, LinearPolicy
 from baselines.policies.policy import HistoryPolicy
 from baselines.training.dev_drive import DEV_POOL
-from baselines.training.method import TRAINING_SEEDS
 from eval.policy_score import Depth, comparison, families, run_policy, score, stability
 from eval.policy_score_oracle import FINEST, growth, growth_rates, stable_windows
 from eval.policy_score_references import (
@@ -22,13 +21,15 @@ from eval.policy_score_references import (
     passive_and_skyhook,
     with_designs,
 )
-from eval.policy_score_runs import SCORING_SEEDS, PerDelay, Trial, comfort_of
+from eval.policy_score_runs import SCORING_SEEDS, Trial, comfort_of
 from eval.policy_score_text import screen
 from eval.policy_score_transfer import Case, cases, transfer_text, transferred
+from eval.told_designs import ToldDesigns
 from eval.zoo import SKYHOOK_GAINS
 from railenv.errors import ArgumentError
 from railenv.stability import sampled_windows
 from railenv.stability.lifted_roots import just_before
+from railenv.track.seed_domains import TRAINING_SEEDS
 from railenv.vehicle import get_vehicle, lateral17
 
 TRIAL = Trial(tracks=2, seconds=5.0, skip=2.0, delays=(0.0, 0.1))
@@ -79,7 +80,7 @@ def test_a_told_error_moves_the_gain_and_nothing_else() -> None:
 @pytest.mark.slow
 def test_laws_side_by_side_run_as_each_by_itself() -> None:
     laws = [make_controller(f"skyhook:gain={gain}") for gain in (10e3, 20e3)]
-    both = comfort_of(PerDelay(laws), TRIAL)
+    both = comfort_of(ToldDesigns(dict(zip(TRIAL.delays, laws, strict=True)).__getitem__), TRIAL)
     for k, law in enumerate(laws):
         alone = comfort_of(law, TRIAL)
         assert np.array_equal(both.front[k], alone.front[k])

@@ -6,17 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmark_examples import block, rows_of, suite_of
 
 from baselines import LinearDynamic, save_policy
 from baselines.lqg import DelayLqg
 from eval import sampled_answers
-from eval.benchmark import run_benchmark
+from eval.benchmark_stability import StabilityWork, stability_answer
 from eval.cli import main
 from eval.rollout import rollout
 from eval.sampled_answers import LONGEST_SCAN, design_delays, sampled_loop
-from eval.scenarios import Suite, load_suite
 from eval.stability_answers import delay_system, is_sampled_only
-from railenv.config import from_mapping, to_dict
 from railenv.errors import ArgumentError, ControllerError
 from railenv.stability import SampledLoop, sampled_windows
 from railenv.track import make_track
@@ -251,17 +250,17 @@ def test_inside_its_window_the_law_holds_the_vehicle_and_beside_it_the_motion_gr
     assert late[2] > 3.0
 
 
-def test_a_benchmark_with_a_sampled_law_has_no_failure(
-    tmp_path: Path, path: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("eval.benchmark.LONGEST_SCAN", 0.1)  # for time alone
-    smoke = to_dict(load_suite("smoke"))
-    entries = {"controllers": [path], "delays_ms": [0.0, 50.0, 60.0], "layouts": ["4"]}
-    suite = from_mapping(Suite, {**smoke, **entries}, "test")
-    found = run_benchmark(suite, tmp_path / "out", "test")
-    assert found["failures"] == []
-    stability = found["stability"][0]
-    assert (stability["method"], stability["root_locus"]) == ("sampled", None)
-    assert [low for low, _ in stability["stable_windows_s"]] == [DESIGNED]
-    unstable = {cell["delay_s"]: cell["unstable"] for cell in found["cells"]}
+def test_the_benchmark_knows_where_a_sampled_law_holds_the_vehicle(path: str) -> None:
+    rows = rows_of(suite_of(block(delays_ms=(0.0, 50.0, 60.0))), path).values()
+    unstable = {row["delay_s"]: row["unstable"] for row in rows}
     assert unstable == {0.0: True, 0.05: False, 0.06: True}
+
+
+@pytest.mark.slow  # a scan of 0.6 s of delays
+def test_the_benchmarks_critical_delay_of_a_sampled_law_is_an_end_of_its_windows(
+    path: str,
+) -> None:
+    answer = stability_answer(StabilityWork(path, "4"))
+    assert (answer["method"], answer["critical_delay_s"]) == ("sampled", 0.0)
+    # Bracketed to half a millisecond, the middle of it is given.
+    assert [low for low, _ in answer["windows_s"]] == pytest.approx([DESIGNED], abs=5e-4)

@@ -80,6 +80,7 @@ def test_cells_of_a_static_law_carry_its_proved_critical_delay_and_damping() -> 
     assert cells[1]["apart_distance"] > 1.0
 
 
+@pytest.mark.slow
 def test_a_law_that_is_told_the_delay_is_stable_in_a_window_around_it() -> None:
     entry = Entry("lqg", "lqg-delay:delay={delay},noise=1,effort=1e-2", "4", 300.0)
     assert entry.knows_delay

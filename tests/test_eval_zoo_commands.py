@@ -1,6 +1,7 @@
 """Every controller that can be named answers the commands: listed, judged, simulated, saved."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +40,13 @@ def test_the_list_names_every_controller_with_settings_and_source(
         assert "\n" not in listed[spec]
 
 
-@pytest.mark.parametrize("name", NAMES)
+def _quick(names: list[str]) -> list[Any]:
+    """Names, those whose design takes seconds marked as slow."""
+    slow = pytest.mark.slow
+    return [pytest.param(n, marks=slow) if n.startswith("robust-") else n for n in names]
+
+
+@pytest.mark.parametrize("name", _quick(NAMES))
 def test_the_listed_spec_builds_the_controller(name: str) -> None:
     entry = next(entry for entry in registered_controllers() if entry.name == name)
     settings = ",".join(f"{key}={value}" for key, (value, _) in entry.settings.items())
@@ -47,7 +54,7 @@ def test_the_listed_spec_builds_the_controller(name: str) -> None:
     assert type(make_controller(spec)) is type(make_controller(name))
 
 
-@pytest.mark.parametrize("name", sorted(set(NAMES) - SEMI_ACTIVE))
+@pytest.mark.parametrize("name", _quick(sorted(set(NAMES) - SEMI_ACTIVE)))
 def test_every_other_law_is_linear_and_survives_a_file(name: str, tmp_path) -> None:
     law = make_controller(name)
     assert isinstance(law, LinearFeedback | LinearDynamic)

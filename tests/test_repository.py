@@ -145,7 +145,7 @@ def test_the_wheel_holds_three_names_and_the_configurations(tmp_path: Path) -> N
     done = subprocess.run(
         [sys.executable, "-I", "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
     )
-    assert done.stdout.split() == [str(tmp_path / "site/railenv/__init__.py"), "quick-v0"]
+    assert done.stdout.split() == [str(tmp_path / "site/railenv/__init__.py"), "v0"]
 
 
 def test_the_documents_hold_no_blanks_to_be_filled_in() -> None:

@@ -21,7 +21,7 @@ from railenv.metrics.ride_filter import ride_index_from_mean_square
 from railenv.units import FloatArray, Second
 
 DEV_POOL = 950_000
-"""Seed of the development tracks; training takes its own from below, scoring from far above."""
+"""Seed of the development tracks; see `railenv.track.seed_domains`."""
 
 
 class DevDrive:

@@ -12,18 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railenv.errors import ArgumentError, check_count, unknown_name
+from railenv.track.seed_domains import TRAINING_POOLS
 
 if TYPE_CHECKING:
     from baselines.training.settings import TrainingSettings
 
 Arrays = dict[str, NDArray[Any]]
 Plain = dict[str, Any]
-
-TRAINING_SEEDS = 1_000_000
-"""Tracks and episodes of training have seeds below; scoring takes its tracks from far above."""
-
-TRAINING_POOLS = 900_000
-"""Pools of tracks for training have seeds below; the judge takes its own from between the two."""
 
 METHODS = {
     "apg": "baselines.training.apg:AnalyticPolicyGradient",
@@ -120,7 +115,8 @@ def episode_seed(seed: int, stream: str, number: int) -> int:
         number: Which one, e.g. the lane-steps taken before.
 
     Returns:
-        A seed for `reset(seed=...)` of up to 100 000 lanes, all below `TRAINING_SEEDS`.
+        A seed for `reset(seed=...)` of up to 100 000 lanes, all below
+            `railenv.track.seed_domains.TRAINING_SEEDS`.
     """
     entropy = [
         check_count("seed", seed, minimum=0),

@@ -16,12 +16,13 @@ from typing import Any
 
 from baselines.policies.history import History
 from baselines.training.judge_settings import CheckpointSettings
-from baselines.training.method import METHODS, TRAINING_POOLS, method_class
+from baselines.training.method import METHODS, method_class
 from baselines.training.search_settings import SearchSettings
 from railenv.config import from_mapping, load_toml, to_dict
 from railenv.envs.observation import DEFAULT_ACTION_SCALE
 from railenv.envs.settings import EnvSettings
 from railenv.errors import ArgumentError, check_count, check_not_negative, unknown_name
+from railenv.track.seed_domains import TRAINING_POOLS
 from railenv.units import Newton, Second
 
 POLICY_CLASSES = ("linear", "network", "recurrent", "gated")

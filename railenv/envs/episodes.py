@@ -21,6 +21,7 @@ from railenv.errors import ArgumentError, check_count, unknown_name
 from railenv.simulation import PlantTable
 from railenv.simulation.excitation import Places, wheels_of
 from railenv.track import make_track
+from railenv.track.seed_domains import check_no_test_seed
 from railenv.track.table import (
     LATERAL_CHANNELS,
     PooledTrack,
@@ -220,7 +221,7 @@ class Episodes:
         if "delay" in given:
             self._fixed_delay(given["delay"])
         if "track_seed" in given:
-            check_count("track_seed", given["track_seed"], minimum=0)
+            check_no_test_seed("track_seed", given["track_seed"])
             if len(self.settings.tracks()) > 1 or self.start_pool is not None:
                 raise ArgumentError(
                     "track_seed fixes a whole run from rest on one kind of track; it goes neither "

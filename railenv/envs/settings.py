@@ -23,6 +23,7 @@ from railenv.errors import (
 from railenv.metrics.ride_index import SPERLING_BAND
 from railenv.simulation import DEFAULT_CONTROL_PERIOD, DEFAULT_TIME_STEP, whole_multiple
 from railenv.simulation.lateral import check_time_step
+from railenv.track.seed_domains import check_no_test_seed
 from railenv.units import (
     Dimensionless,
     KilometrePerHour,
@@ -59,7 +60,8 @@ class EnvSettings:
         track_pool: How many tracks are realised, once, for episodes to choose from; a run starts
             anywhere on one.
         track_level: (low, high) factor on the track's power spectral density, drawn per episode.
-        pool_seed: Seed of both pools; environments with one seed have the same pools.
+        pool_seed: Seed of both pools; environments with one seed have the same pools. Below those
+            of the tracks of benchmarks, see `railenv.track.seed_domains`.
         delay: Seconds, a (low, high) range drawn once per episode, or a DelaySpec (per channel).
         delay_per_channel: Whether a range is drawn anew for every channel.
         sensor_delay: Share of the sensors, on top of `delay`: seconds or a (low, high) range.
@@ -168,8 +170,8 @@ class EnvSettings:
             check_not_negative("divergence_penalty", self.divergence_penalty)
         for name in ("vehicle_pool", "track_pool"):
             check_count(name, getattr(self, name))
-        for name in ("pool_seed", "observation_history"):
-            check_count(name, getattr(self, name), minimum=0)
+        check_no_test_seed("pool_seed", self.pool_seed)
+        check_count("observation_history", self.observation_history, minimum=0)
         if self.action_history is not None:
             check_count("action_history", self.action_history, minimum=0)
         if self.told_error > 0.0 and not self.delay_observed:

@@ -1,0 +1,41 @@
+"""Arguments of `railenv benchmark`. Loads nothing, so that the command line's help is quick."""
+
+from typing import Any
+
+
+def add_benchmark_arguments(commands: Any) -> None:
+    """Add the command: what is run, with which limits, and where the records go.
+
+    Args:
+        commands: What `add_subparsers` returned.
+    """
+    parser = commands.add_parser("benchmark", help="score controllers; table, records and page")
+    parser.add_argument("--suite", default="quick", help="quick, standard, full or a .toml (quick)")
+    parser.add_argument(
+        "--controller",
+        action="append",
+        metavar="SPEC",
+        help="a controller, beside passive and reference; repeat; {delay} in it stands for a "
+        "design per delay (those of the suite)",
+    )
+    parser.add_argument("--jobs", help="worker processes (as many as processor cores)")
+    parser.add_argument("--out", help="folder for records and page (runs/<suite>)")
+    parser.add_argument(
+        "--resume", action="store_true", help="run what is missing in the folder, nothing else"
+    )
+    parser.add_argument("--seconds", default="300", help="longest time of a package of cells (300)")
+    parser.add_argument("--memory", default="4", help="largest memory of a worker [GiB] (4)")
+    parser.add_argument(
+        "--private-salt",
+        default="",
+        metavar="SALT",
+        help="tracks of an organiser's own; the records hold its SHA-256 only",
+    )
+    parser.add_argument("--cell", metavar="KEY", help="run the package of this cell alone, show it")
+    parser.add_argument(
+        "--check", metavar="SPEC", help="say what is wrong with a controller; run nothing else"
+    )
+    parser.add_argument("--export", metavar="FILE", help="write all cells as .csv or .parquet too")
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object and nothing else"
+    )

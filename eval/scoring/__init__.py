@@ -1,0 +1,1 @@
+"""What a benchmark's scores say: gains, aggregates with intervals, leaderboards."""
