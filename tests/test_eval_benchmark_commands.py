@@ -25,6 +25,9 @@ from eval.store.reader import Reader
 from eval.store.schema import MEASURES
 from eval.workers import InlinePool, Limits, LocalPool
 
+# Beside test_eval_benchmark.py and test_eval_store.py, which the default run has.
+pytestmark = pytest.mark.slow
+
 TESTS = Path(__file__).parent
 KEY = "v0/lateral17/nominal/4/300/german_low/jitter:100/1"
 SALT = "sixteen characters or more"
@@ -339,7 +342,6 @@ def test_the_check_prints_one_object(
     assert {"name": "layout 4: runs", "good": False}.items() <= found["findings"][-1].items()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "words"),
     [
@@ -373,7 +375,6 @@ def started(*arguments: str) -> "subprocess.Popen[str]":
     )
 
 
-@pytest.mark.slow
 def test_ctrl_c_leaves_no_worker_and_a_folder_to_be_resumed(tiny: str, tmp_path: Path) -> None:
     given = ("--suite", tiny, "--out", str(tmp_path), "--jobs", "2")
     own = ("--controller", "skyhook:gain=15e3", "--controller", f"{BROKEN}Hangs")
@@ -398,7 +399,6 @@ def test_ctrl_c_leaves_no_worker_and_a_folder_to_be_resumed(tiny: str, tmp_path:
     assert resumed == 0
 
 
-@pytest.mark.slow
 def test_real_workers_give_the_rows_of_this_process(
     tiny: str, done: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,6 +11,9 @@ from eval.check_controller import CheckWork, Finding, check_controller, check_wo
 from eval.rollout import rollout
 from railenv.vehicle import lateral17
 
+# Beside test_eval_benchmark.py and test_eval_store.py, which the default run has.
+pytestmark = pytest.mark.slow
+
 CHECKED = suite_of(block(delays_ms=(0.0, 300.0)))
 
 
@@ -97,7 +100,6 @@ def test_a_spec_that_names_nothing_is_unfit() -> None:
     assert "skyhook" in finding.words
 
 
-@pytest.mark.slow
 def test_the_nonlinear_vehicle_is_tried_where_the_suite_has_it() -> None:
     suite = suite_of(block(), block(models=("full50",)))
     assert findings("Law", suite)["layout 4: nonlinear vehicle"].good

@@ -16,6 +16,9 @@ from eval.report.tables import gain_style
 from eval.report.words import NONE, critical_ms, critical_words, number
 from eval.scoring.board import Board
 
+# Beside test_eval_benchmark.py and test_eval_store.py, which the default run has.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def usual_page(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[Board]]:

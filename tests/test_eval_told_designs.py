@@ -14,6 +14,9 @@ from eval.scenarios import Scenario
 from eval.told_designs import PLACE, ToldDesigns
 from railenv.errors import ArgumentError
 
+# Beside test_eval_benchmark.py and test_eval_store.py, which the default run has.
+pytestmark = pytest.mark.slow
+
 # Designs that are kept.
 
 

@@ -19,6 +19,9 @@ import pytest
 from eval.workers import InlinePool, Limits, LocalPool, Outcome
 from railenv.errors import ArgumentError, ControllerError, RailenvError
 
+# Beside test_eval_benchmark.py and test_eval_store.py, which the default run has.
+pytestmark = pytest.mark.slow
+
 MIB = 2**20
 LIMITS = Limits(seconds=0.8)
 LITTLE_MEMORY = Limits(seconds=20.0, memory_bytes=400 * MIB)
@@ -255,7 +258,6 @@ def test_a_worker_serves_many_tasks_and_many_runs(pool: LocalPool) -> None:
     assert first == second
 
 
-@pytest.mark.slow
 def test_memory_counts_for_the_task_that_takes_it() -> None:
     with LocalPool(1, LITTLE_MEMORY) as pool:
         eater, after = pool.run(work, [("eat", 5000), ("value", 1)])
@@ -266,7 +268,6 @@ def test_memory_counts_for_the_task_that_takes_it() -> None:
         assert after.value == 1
 
 
-@pytest.mark.slow
 def test_what_a_task_keeps_in_memory_does_not_count_against_later_ones() -> None:
     with LocalPool(1, LITTLE_MEMORY) as pool:
         # Together 4 x 110 MiB are above the limit, each alone is not.
@@ -298,7 +299,6 @@ def test_what_a_controller_prints_stays_out_of_standard_output(
     assert "hello" in seen.err
 
 
-@pytest.mark.slow
 def test_workers_compute_on_one_thread_and_the_parent_keeps_its_setting(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -363,7 +363,6 @@ def test_tasks_are_taken_only_as_workers_get_free(pool: LocalPool) -> None:
     outcomes.close()  # type: ignore[attr-defined]
 
 
-@pytest.mark.slow
 def test_an_answer_given_in_time_may_wait_to_be_read(pool: LocalPool) -> None:
     # Larger than what a pipe holds: the worker is still writing when its time is over.
     outcomes = pool.run(work, [("value", 1), ("zeros", 4 * MIB)])
@@ -373,7 +372,6 @@ def test_an_answer_given_in_time_may_wait_to_be_read(pool: LocalPool) -> None:
     assert list(outcomes) == []
 
 
-@pytest.mark.slow
 def test_a_worker_that_dies_while_it_answers_costs_its_task_alone() -> None:
     with LocalPool(2, Limits(seconds=20.0)) as pool:
         outcomes = pool.run(work, [("value", 1), ("half", 0), ("value", 2)])
@@ -491,7 +489,6 @@ def test_ctrl_c_stops_all_workers_at_once_and_leaves_no_process(tmp_path: Path) 
     assert all(gone(pid) for pid in workers)
 
 
-@pytest.mark.slow
 def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
     with started_script(tmp_path, "main()") as process:
         _, err = process.communicate(timeout=30.0)
@@ -500,7 +497,6 @@ def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
     assert 'under `if __name__ == "__main__":`' in err.splitlines()[-1]
 
 
-@pytest.mark.slow
 def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
     main = GUARDED.replace("main()", "main(Limits(seconds=5.0))")
     with started_script(tmp_path, main) as process:

@@ -101,7 +101,8 @@ def test_a_saved_certificate_of_a_policy_is_proved_anew_and_is_about_that_policy
 
 @pytest.mark.slow
 def test_the_answer_names_range_period_and_error(capsys, tmp_path):
-    save_trained(damping_policy((-3e4,)), tmp_path / "policy", {})
+    policy = damping_policy((-3e4, -3e4), knots=(0.0, 0.1))
+    save_trained(policy, tmp_path / "policy", {})
     question = ["certify", "--controller", str(tmp_path / "policy"), "--control-period", "0.01"]
     assert main([*question, "--delay", "0:0.01", "--told-error", "0.02"]) == 3
     said = capsys.readouterr().out
