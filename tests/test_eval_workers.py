@@ -372,17 +372,6 @@ def test_an_answer_given_in_time_may_wait_to_be_read(pool: LocalPool) -> None:
     assert list(outcomes) == []
 
 
-def test_a_worker_that_dies_while_it_answers_costs_its_task_alone() -> None:
-    with LocalPool(2, Limits(seconds=20.0)) as pool:
-        outcomes = pool.run(work, [("value", 1), ("half", 0), ("value", 2)])
-        assert next(outcomes).value == 1
-        time.sleep(1.5)
-        after = {outcome.task[0]: outcome for outcome in outcomes}
-    assert after["value"].value == 2
-    assert after["half"].status == "crashed"
-    assert "SIGSEGV" in after["half"].message
-
-
 def test_closing_the_iterator_stops_a_worker_that_hangs() -> None:
     others = set(multiprocessing.active_children())  # of the pool that the tests share
     with LocalPool(2) as pool:
