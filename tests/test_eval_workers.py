@@ -103,19 +103,6 @@ def _threads(_: object) -> tuple[int, int, str]:
     return torch.get_num_threads(), numba.get_num_threads(), os.environ["OMP_NUM_THREADS"]
 
 
-def _half_an_answer(_: object) -> bytes:
-    pid = os.getpid()
-    answer = bytes(4 * MIB)
-
-    def kill_when_writing() -> None:
-        # The pipe is full and its other end is not read while the test sleeps.
-        time.sleep(0.3)
-        os.kill(pid, signal.SIGSEGV)
-
-    threading.Thread(target=kill_when_writing).start()
-    return answer
-
-
 class _NotReadable:
     def __reduce__(self) -> tuple[Any, ...]:
         return _refuse_to_load, ()
@@ -152,7 +139,6 @@ _KINDS = {
     "fork and die": _fork_and_die,
     "thread": _leave_a_thread,
     "threads": _threads,
-    "half": _half_an_answer,
     "print": lambda text: print(text, flush=True),
     "close": lambda _: os.closerange(3, 64),
 }
