@@ -82,8 +82,9 @@ class LinearDynamic:
         for letter in "ABCD":
             check_size(f"law.{letter}", getattr(self.law, letter))
         A, B = self.law.A, self.law.B
-        self._state: FloatArray = np.zeros((len(A), 0))
-        self._reading: FloatArray | None = None
+        # States, the reading before, the present one: what `_step` takes, a column per lane.
+        self._lanes: FloatArray = np.zeros((len(A) + 2 * len(self.sensors), 0))
+        self._started = False
         if self.sampled:
             self._before, self._after, self._transition = B, np.zeros_like(B), A
             self._prepare()
@@ -105,8 +106,8 @@ class LinearDynamic:
 
     def reset(self, num_lanes: int, seed: int) -> None:  # noqa: ARG002
         """Start every lane with the law's states at zero."""
-        self._state = np.zeros((len(self.law.A), num_lanes))
-        self._reading = None
+        self._lanes = np.zeros((len(self._lanes), num_lanes))
+        self._started = False
 
     def act(self, observations: FloatArray) -> FloatArray:
         """Step the law and return its actions, shape (lanes, channels).
@@ -114,20 +115,19 @@ class LinearDynamic:
         Raises:
             ArgumentError: The number of lanes is not that of the last reset.
         """
-        if observations.shape[0] != self._state.shape[1]:
+        if observations.shape[0] != self._lanes.shape[1]:
             raise ArgumentError(
                 f"observations have {observations.shape[0]} lanes, reset was called for "
-                f"{self._state.shape[1]}; call reset(num_lanes, seed) first"
+                f"{self._lanes.shape[1]}; call reset(num_lanes, seed) first"
             )
-        reading = np.ascontiguousarray(observations[:, self._columns].T, dtype=np.float64)
-        if self._reading is not None:
-            following = self._step(np.vstack([self._state, self._reading, reading]))
-            kept = ~(np.abs(following).max(axis=0, initial=0.0) < _OUT_OF_RANGE)
-            if np.any(kept):
-                following[:, kept] = self._state[:, kept]
-            self._state = following
-        self._reading = reading
-        force = self._force(np.vstack([self._state, reading]))
+        n, m = len(self.law.A), len(self.sensors)
+        before, present = self._lanes[n : n + m], self._lanes[n + m :]
+        present[:] = observations[:, self._columns].T
+        if self._started:
+            self._step.advance(self._lanes, _OUT_OF_RANGE)
+        self._started = True
+        before[:] = present
+        force = self._force(self._lanes[: n + m])
         return -force.T / self.action_scale
 
     def to_delay_system(

@@ -170,6 +170,11 @@ def _from_module(rest: str, layout: str) -> Controller:
     module_name, colon, function_name = rest.partition(":")
     if not colon or not module_name or not function_name:
         raise ArgumentError(f"controller 'py:{rest}' must be py:module:function")
+    if module_name.startswith(".") or "/" in module_name or "\\" in module_name:
+        raise ArgumentError(
+            f"controller 'py:{rest}' must be py:module:function, the module by its name as after "
+            "`import`, not by a path; run the command from the folder that holds it"
+        )
     # The user's module usually lies in the folder the command is run from.
     here = str(Path.cwd())
     if here not in sys.path:

@@ -44,6 +44,8 @@ def simulated_critical_delay(
     track: str = "tb3352",
     seed: int = 0,
     resolution: float = RESOLUTION,
+    coarse_step: float = COARSE_STEP,
+    first_only: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Estimate the critical delay of any controller by simulation.
@@ -57,6 +59,9 @@ def simulated_critical_delay(
         track: Irregularity that excites.
         seed: Seed of the irregularity, and given to the controller.
         resolution: Width of the final brackets [s].
+        coarse_step: Spacing of the coarse scan [s].
+        first_only: Look no further than the first change to unstable: later changes are not
+            bracketed and the limit cycle is not run.
         progress: Called with a word on every batch of runs that starts.
 
     Returns:
@@ -71,22 +76,28 @@ def simulated_critical_delay(
     steps = replace(stepping or Stepping(), sensor_noise=0.0)
     longest = check_positive("max_delay", max_delay, "seconds")
     check_positive("resolution", resolution, "seconds")
-    if longest > MOST_COARSE * COARSE_STEP:
+    coarse = check_positive("coarse_step", coarse_step, "seconds")
+    if longest > MOST_COARSE * coarse:
         raise ArgumentError(
             f"max_delay = {longest:g} s is too long to simulate; "
-            f"give {MOST_COARSE * COARSE_STEP:g} s or less"
+            f"give {MOST_COARSE * coarse:g} s or less"
         )
     kind = Probe if isinstance(vehicle, LateralVehicle) else FullProbe
     probe = kind(controller, vehicle, steps, track, seed)
     tell = progress or (lambda _: None)
     tell("coarse scan")
-    count = max(2, int(np.ceil(longest / COARSE_STEP)) + 1) if vehicle.num_actuators else 1
+    count = max(2, int(np.ceil(longest / coarse - 1e-9)) + 1) if vehicle.num_actuators else 1
     delays = np.linspace(0.0, longest, count)
     stable = probe.stable(delays)
     brackets: list[dict[str, Any]] = []
-    for k in np.flatnonzero(stable[1:] != stable[:-1]):
+    changes = np.flatnonzero(stable[1:] != stable[:-1])
+    if first_only:
+        # Without a stable start there is no critical delay to bracket.
+        changes = changes[:1] if stable[0] else changes[:0]
+    for k in changes:
         low, high = float(delays[k]), float(delays[k + 1])
-        while high - low > resolution:
+        # A whole number of subdivisions may miss the width by rounding.
+        while high - low > resolution * (1.0 + 1e-9):
             tell(f"{1000 * low:.1f} to {1000 * high:.1f} ms")
             inner = np.linspace(low, high, _SUBDIVISION + 2)
             verdicts = np.concatenate([[stable[k]], probe.stable(inner[1:-1]), [stable[k + 1]]])
@@ -126,7 +137,8 @@ def simulated_critical_delay(
         answer["critical_delay_sampled_s"] = first["delay_s"]
         answer["bracket_s"] = first["bracket_s"]
         answer["frequency_hz"], answer["mode"] = first["frequency_hz"], first["mode"]
-        tell("limit cycle")
-        beyond = float(delays[np.flatnonzero(~stable)[0]])
-        answer["limit_cycle"] = probe.limit_cycle(beyond)
+        if not first_only:
+            tell("limit cycle")
+            beyond = float(delays[np.flatnonzero(~stable)[0]])
+            answer["limit_cycle"] = probe.limit_cycle(beyond)
     return answer

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from baselines.controller import Controller
-from eval.delay_sweep import simulated_critical_delay
+from eval.delay_sweep import COARSE_STEP, simulated_critical_delay
 from eval.rollout import Stepping
 from eval.simulations import Vehicle
 from railenv.errors import check_finite, check_not_negative, check_positive
@@ -146,6 +146,7 @@ def time_domain(
     longest: float = LONGEST,
     progress: Callable[[str], None] | None = None,
     resolution: float = 2.0 * FINEST,
+    coarse_step: float = COARSE_STEP,
 ) -> dict[str, Any]:
     """Return the critical delay by simulation, the controller told the true delay.
 
@@ -155,6 +156,7 @@ def time_domain(
         longest: Longest delay [s].
         progress: Called with a word on every batch of runs.
         resolution: Width of the bracket [s].
+        coarse_step: Spacing of the scan before [s]; a loss that ends within it is not seen.
 
     Returns:
         `critical_delay_s` (None if none is found up to `longest_s`), `bracket_s`, `frequency_hz`
@@ -167,6 +169,8 @@ def time_domain(
         stepping=Stepping(control_period=period),
         max_delay=longest,
         resolution=resolution,
+        coarse_step=coarse_step,
+        first_only=True,
         progress=progress,
     )
     answer = {key: found[key] for key in ("bracket_s", "frequency_hz", "mode")}

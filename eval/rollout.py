@@ -207,9 +207,10 @@ class ControlledBatch:
         if np.any(new):
             self.blown_up |= new
             self.simulation.stop(self.blown_up)
+        self._now = outputs[:, -1, self._measured]
         if np.any(self.blown_up):
+            self._now[self.blown_up] = 0.0
             outputs[self.blown_up] = np.nan
-        self._now = np.nan_to_num(outputs[:, -1, self._measured])
         return outputs[:, :, self._recorded]
 
     def _check_period(self) -> None:

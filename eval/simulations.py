@@ -6,11 +6,11 @@ vehicle may have semi-active dampers in the place of actuators: commands are the
 """
 
 import math
-import os
 from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+from numba.core import config as numba_config
 from numpy.typing import NDArray
 
 from railenv.actuation import ActuatorSpec, SemiActiveDamper
@@ -239,7 +239,9 @@ def simulation_of(
         control_period=control_period,
         record_step=time_step,
         time_step=physics_step(vehicle, time_step),
-        threads=os.cpu_count() or 1,
+        # As many as the compiled code may have: all cores, but one in a benchmark's workers, which
+        # share the cores among themselves.
+        threads=int(vars(numba_config)["NUMBA_NUM_THREADS"]),
     )
 
 

@@ -27,6 +27,9 @@ from railenv.envs.rail_env import Lateral17Env
 from railenv.envs.rail_vector_env import Lateral17VectorEnv
 from railenv.errors import ArgumentError
 
+# Importing stable-baselines3 alone takes seconds.
+pytestmark = pytest.mark.slow
+
 # 20 actions to an episode. A floor moves by a millimetre within some of them under full actions of
 # one direction: with this clearance some episodes end by the gauge and others by their length.
 SHORT: dict[str, Any] = {"episode_seconds": 0.2, "max_delay": 0.05, "delay": (0.0, 0.05)}
@@ -356,7 +359,6 @@ def test_no_pictures_without_their_mode() -> None:
         make_vec_env(1, **SHORT).get_images()
 
 
-@pytest.mark.slow
 def test_ppo_learns_and_reads_returns_and_lengths() -> None:
     adapter = make_vec_env(4, **SHORT)
     model = PPO("MlpPolicy", adapter, n_steps=25, batch_size=50, n_epochs=1, seed=0, device="cpu")
@@ -366,7 +368,6 @@ def test_ppo_learns_and_reads_returns_and_lengths() -> None:
     assert [episode["l"] for episode in model.ep_info_buffer] == [20] * 4
 
 
-@pytest.mark.slow
 def test_sac_keeps_the_terminal_observation_of_each_episode() -> None:
     adapter = make_vec_env(2, seed=0, **SHORT)
     small = {"net_arch": [8]}
@@ -451,7 +452,6 @@ def test_normaliser_and_nan_checker_wrap_and_learn() -> None:
     assert model.num_timesteps == 100
 
 
-@pytest.mark.slow
 def test_the_rate_of_ppo_is_measured_and_the_thread_count_left_alone() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(1 + (os.cpu_count() or 1))

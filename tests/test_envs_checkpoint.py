@@ -107,7 +107,9 @@ def test_a_wrapped_environment_can_be_copied_too() -> None:
     assert_same(twin.step(np.zeros(4)), env.step(np.zeros(4)))
 
 
-@pytest.mark.parametrize("make", [single, vector, two_threads])
+@pytest.mark.parametrize(
+    "make", [single, vector, pytest.param(two_threads, marks=pytest.mark.slow)]
+)
 def test_an_environment_goes_back_to_its_checkpoint(make: Callable[[], Env]) -> None:
     env = in_mid_episode(make)
     saved = env.checkpoint()

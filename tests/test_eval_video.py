@@ -181,6 +181,7 @@ def test_a_vehicle_without_actuators_makes_no_film() -> None:
         Film(vehicle, track, np.zeros(0), Stepping(), lambda frame: None)
 
 
+@pytest.mark.slow
 def test_gymnasiums_record_video_films_the_environment(tmp_path: Path) -> None:
     pytest.importorskip("moviepy")
     env = gym.make("railenv/Lateral17-v0", render_mode="rgb_array", episode_seconds=0.2)

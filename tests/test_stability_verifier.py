@@ -852,6 +852,7 @@ def is_true(content: Plain) -> bool:
     return set(counts) == {roots}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["point", "interval", "box", "unstable", "decay rate"])
 def test_mutated_certificates_are_rejected_cleanly_or_true(
     name: str, made: Made, check: Check
@@ -937,6 +938,7 @@ def test_what_is_no_readable_file_is_named(tmp_path: Path) -> None:
             verify_certificate(path)
 
 
+@pytest.mark.slow
 def test_nesting_that_can_just_be_read_is_rejected_cleanly(made: Made, tmp_path: Path) -> None:
     path = tmp_path / "deep.json"
     for depth in range(50, 1200, 50):
