@@ -36,10 +36,14 @@ calibrate: $(VENV)/.installed-report
 	$(BIN)/python -m eval.calibrate
 
 # docs/controllers-table.md takes half an hour, docs/policies-table.md more for every policy that is
-# shipped. CI runs both in a small size (tests/test_eval_zoo.py, test_eval_policy_score_command.py).
+# shipped, docs/leaderboard.md and docs/rank-stability.md another half. CI runs all in a small size
+# (tests/test_eval_zoo.py, _policy_score_command.py, _leaderboard.py, _rank_stability.py).
 evidence: $(VENV)/.installed-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m eval.zoo_table
 	OMP_NUM_THREADS=1 $(BIN)/python -m eval.policy_evidence
+	$(BIN)/railenv benchmark --suite standard --out runs/standard
+	$(BIN)/python -m eval.leaderboard runs/standard
+	$(BIN)/python -m eval.rank_stability runs/standard --split 3
 
 clean:
 	rm -rf build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache

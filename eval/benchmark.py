@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from eval.benchmark_motion import MotionWork, motion_answer
 from eval.benchmark_stability import StabilityWork, stability_answer
 from eval.cells import CellWork, described, run_package
 from eval.entries import Entry
@@ -20,16 +21,20 @@ from eval.store.cell import Cell
 from eval.store.schema import MEASURES
 from eval.store.settings import RunSettings
 from eval.store.store import Store
-from eval.workers import Limits, Outcome, Pool
+from eval.workers import Limits, Pool
 from railenv.config import to_dict
 
 GIVE_UP = 3
-"""Packages of one controller in which it may hang or eat its memory before the rest is left out."""
+"""Packages that one controller may lose its worker in before the rest is left out."""
 
-_COSTLY = ("timeout", "memory")
-"""Ends of a package that cost a limit's worth of time."""
+_COSTLY = ("timeout", "memory", "crashed")
+"""Ends of a package that cost a limit's worth of time, or another worker's start."""
 
-Work = CellWork | StabilityWork
+_YARDSTICKS = (PASSIVE, REFERENCE)
+"""What is lost of these says nothing of a controller and spoils the scores of all: it is always
+tried, and tried again."""
+
+Work = CellWork | StabilityWork | MotionWork
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,14 @@ class Benchmark:
         """Return all controllers, passive and reference first."""
         given = [entry for entry in self.entries if entry.spec != PASSIVE]
         return [Entry(PASSIVE, "untold", None), Entry(REFERENCE, "untold", None), *given]
+
+    def planned(self) -> dict[str, dict[str, int]]:
+        """Return the number of all runs by controller and layout."""
+        found: dict[str, dict[str, int]] = {entry.spec: {} for entry in self.everyone()}
+        for package in self.packages:
+            layouts, layout = found[package.controller], package.scenarios[0].layout
+            layouts[layout] = layouts.get(layout, 0) + len(package.scenarios)
+        return found
 
     @cached_property
     def packages(self) -> list[Package]:
@@ -104,15 +117,17 @@ def run_benchmark(
     store.begin_session(command)
     for entry in benchmark.everyone():
         store.add_controller(entry.spec, entry.division, entry.sha256)
+    store.plan(benchmark.planned())
     tell = progress or (lambda _spec, _cells: None)
     todo = missing(benchmark, store)
     lost = _lost_before(store)
     for outcome in pool.run(run_work, _allowed(todo, lost)):
-        if isinstance(outcome.task, StabilityWork):
-            _note_stability(store, outcome.task, outcome)
+        if not isinstance(outcome.task, CellWork):
+            answer = outcome.value if outcome.status == "done" else {"error": outcome.message}
+            _note_answer(store, outcome.task, answer)
             continue
         package = outcome.task.package
-        if outcome.status in _COSTLY:
+        if outcome.status in _COSTLY and package.controller not in _YARDSTICKS:
             lost.setdefault(package.controller, []).append(outcome.status)
         _note(store, package, outcome.status, outcome.message, outcome.value, outcome.seconds)
         tell(package.controller, len(package.scenarios))
@@ -120,33 +135,39 @@ def run_benchmark(
         # What was left out.
         if isinstance(work, CellWork):
             package = work.package
-            words = f"left out after {GIVE_UP} packages that hung or took too much memory"
+            if package.controller in _YARDSTICKS:
+                continue  # lost, not left out
+            words = f"left out after {GIVE_UP} packages that hung, took too much memory or crashed"
             # The same word as of the packages before it, so that how many workers were at it
             # when it was given up cannot be told from the rows.
             _note(store, package, lost[package.controller][0], words, None, 0.0)
             tell(package.controller, len(package.scenarios))
         else:
-            store.add_stability(*work.place, {"error": "left out"})
+            _note_answer(store, work, {"error": "left out"})
 
 
 def run_work(work: Work) -> Any:
     """Do one piece of work, in a worker."""
-    return run_package(work) if isinstance(work, CellWork) else stability_answer(work)
+    if isinstance(work, CellWork):
+        return run_package(work)
+    return stability_answer(work) if isinstance(work, StabilityWork) else motion_answer(work)
 
 
 def missing(benchmark: Benchmark, store: Store) -> list[Work]:
-    """Return the work that is not in the records."""
-    done = store.done()
-    answered = {
-        (row["controller"], row["layout"], row["vehicle"], row["speed_kmh"])
-        for row in store.stability()
-    }
+    """Return the work that is not in the records, or has failed there of passive and reference."""
+    done, whole = store.done(), store.done(with_failed=False)
+    answered, shown = (
+        {(row["controller"], row["layout"], row["vehicle"], row["speed_kmh"]) for row in rows}
+        for rows in (store.stability(), store.motion())
+    )
     work: list[Work] = [
         CellWork(benchmark.suite, benchmark.salt, package)
         for package in benchmark.packages
-        if (package.controller, package.name) not in done
+        if (package.controller, package.name)
+        not in (whole if package.controller in _YARDSTICKS else done)
     ]
     layouts = list(dict.fromkeys(s.layout for s in benchmark.suite.scenarios))
+    pictures: list[Work] = []
     for entry in benchmark.everyone():
         if entry.spec == REFERENCE:
             continue  # it runs without delay, and for the yardstick alone
@@ -154,7 +175,11 @@ def missing(benchmark: Benchmark, store: Store) -> list[Work]:
             question = StabilityWork(entry.spec, layout)
             if question.place not in answered:
                 work.append(question)
-    return work
+            picture = MotionWork(benchmark.suite, entry.spec, layout)
+            if picture.place not in shown:
+                pictures.append(picture)
+    # Small pieces last: they fill the time in which the last long question is answered.
+    return work + pictures
 
 
 def _lost_before(store: Store) -> dict[str, list[str]]:
@@ -162,7 +187,8 @@ def _lost_before(store: Store) -> dict[str, list[str]]:
     found: dict[str, dict[object, str]] = {}
     for status in _COSTLY:
         for row in store.rows(status=status):
-            found.setdefault(str(row["controller"]), {})[row["package"]] = status
+            if row["controller"] not in _YARDSTICKS:
+                found.setdefault(str(row["controller"]), {})[row["package"]] = status
     return {spec: list(packages.values()) for spec, packages in found.items()}
 
 
@@ -178,16 +204,38 @@ def _note(
     store: Store, package: Package, status: str, message: str, rows: Any, seconds: float
 ) -> None:
     """Write a package's rows; without numbers where its worker was lost."""
-    if status != "done":
-        rows = [{**described(s), "status": status} for s in package.scenarios]
+    if status == "done" and not _are_of(package, rows):
+        status, message = "failed", "the worker gave rows that are not those of its package"
+    whole = status == "done"
     cells: list[Cell] = []
-    for row in rows:
-        place = {name: value for name, value in row.items() if name not in MEASURES}
+    for number, scenario in enumerate(package.scenarios):
+        row: dict[str, Any] = rows[number] if whole else {"status": status}
         measures = {name: row[name] for name in MEASURES if name in row}
-        cells.append(Cell(**place, measures=measures, message="" if status == "done" else message))
-    store.add_package(package.controller, package.name, cells, seconds, failed=status != "done")
+        cells.append(
+            Cell(
+                **described(scenario),
+                status=row["status"],
+                measures=measures,
+                message="" if whole else message,
+                unstable=row.get("unstable"),
+            )
+        )
+    store.add_package(package.controller, package.name, cells, seconds, failed=not whole)
 
 
-def _note_stability(store: Store, work: StabilityWork, outcome: Outcome[Any]) -> None:
-    answer = outcome.value if outcome.status == "done" else {"error": outcome.message}
-    store.add_stability(*work.place, answer)
+def _are_of(package: Package, rows: Any) -> bool:
+    """Whether a worker, which runs others' code too, has answered with the rows of a package."""
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        return False
+    keys = [scenario.key for scenario in package.scenarios]
+    known = ("ok", "diverged")
+    return [row.get("key") for row in rows] == keys and all(
+        row.get("status") in known for row in rows
+    )
+
+
+def _note_answer(store: Store, work: StabilityWork | MotionWork, answer: dict[str, Any]) -> None:
+    if isinstance(work, StabilityWork):
+        store.add_stability(*work.place, answer)
+    else:
+        store.add_motion(*work.place, answer)

@@ -17,6 +17,12 @@ VEHICLE, SPEED_KMH = "nominal", 300.0
 RESOLUTION: Second = 5e-3
 """Width of the brackets of simulated critical delays [s]; finer ones take minutes."""
 
+COARSE_STEP: Second = 0.05
+"""Spacing of the scan before [s]: the grid of the delays that the suites run."""
+
+LONGEST_DESIGN: Second = 0.3
+"""Longest delay simulated of a family of designs [s]: every delay is a law of its own to step."""
+
 MAX_DELAY = 2.0
 """Longest delay searched for crossings of continuous laws [s]."""
 
@@ -70,7 +76,10 @@ def stability_answer(work: StabilityWork) -> dict[str, Any]:
         return {"method": "sampled", **design_answer(controller, vehicle, period)}
     if is_linear(controller) and has_oracle(controller):
         return {"method": "sampled", **stable_windows(controller, vehicle)}
-    found = time_domain(controller, vehicle, resolution=RESOLUTION)
+    longest = LONGEST_DESIGN if isinstance(controller, ToldDesigns) else LONGEST
+    found = time_domain(
+        controller, vehicle, longest, resolution=RESOLUTION, coarse_step=COARSE_STEP
+    )
     return {"method": "simulation", "proved": False, **found}
 
 

@@ -72,7 +72,7 @@ def run_package(work: CellWork) -> list[dict[str, Any]]:
     safety = SafetyOfLanes(vehicle)
     # Noise, jitter and losses of a lane follow from its track and channel, not from its place in
     # the batch, so that all controllers meet the same.
-    streams = [test.stream(_draws(s)) for s in scenarios]
+    streams = [test.stream(draws_name(s)) for s in scenarios]
     varying = VaryingDelay(
         jitter=np.array([s.channel.jitter for s in scenarios]),
         dropout=np.array([s.channel.dropout for s in scenarios]),
@@ -193,6 +193,6 @@ def _length(vehicle: Vehicle, twin: LateralVehicle, duration: float) -> float:
     return required_length(twin, duration)
 
 
-def _draws(scenario: Scenario) -> str:
+def draws_name(scenario: Scenario) -> str:
     """Name what is drawn for a scenario beside the track: the same on all vehicles."""
     return f"{scenario.track}/{scenario.channel.key}/{scenario.seed}"

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -10,27 +9,22 @@ import numpy as np
 from baselines.controller import Controller, measured_by
 from baselines.passive import Passive
 from eval.cells import controller_for, grows, is_linear
+from eval.check_runs import LANES, MANY, SECONDS, CheckRuns
 from eval.entries import Entry, entry_of
+from eval.packages import packages_of
 from eval.policy_score_oracle import is_told
-from eval.rollout import ACCELERATIONS, ControlledBatch, Stepping, force_names, rollout
-from eval.scenarios import Suite, TestTracks
+from eval.rollout import ACCELERATIONS, ControlledBatch, Stepping
+from eval.scenarios import Suite
 from eval.scenarios.scenario import vehicle_of
 from railenv.envs.observation import DEFAULT_ACTION_SCALE, Observer, pipe_length
-from railenv.errors import RailenvError
-from railenv.simulation import required_length, whole_multiple
-from railenv.track import make_track
+from railenv.errors import ControllerError, RailenvError
+from railenv.simulation import whole_multiple
 from railenv.units import FloatArray, Second
 from railenv.vehicle import LateralVehicle
 
 _SPEED_KMH = 300.0
-_SECONDS: Second = 4.0
-_START: Second = 1.0
-"""Time left out of the floor's acceleration: the track rises [s]."""
-
-_DELAY: Second = 0.1
-_LANES = 3
-_SLOW: Second = 5e-3
-"""Longest time of a step with a few lanes before it is said to be slow [s]."""
+_SLOW: Second = 60.0
+"""Longest time of the suite's largest package before a controller is said to be slow [s]."""
 
 _AT_LIMIT = 0.01
 """Share of the time at the force limit above which a run counts as diverged, `eval.measures`."""
@@ -133,25 +127,32 @@ class _Drive:
             for model in dict.fromkeys(s.model for s in self._suite.scenarios):
                 length = self._suite.duration(model)
                 whole_multiple("the run", length, "control_period", stepping.control_period)
-            started = perf_counter()
-            whole = self._forces()
-            seconds = perf_counter() - started
-            again, alone = self._forces(), self._forces(lanes=[1])
-            free = self._forces(delay=0.0)
-            yield Finding("runs", True, f"{_SECONDS:g} s with {_LANES} lanes, and alone")
+            runs = CheckRuns(self._suite, self._vehicle, stepping)
+            whole, again = runs.forces(self._controller), runs.forces(self._controller)
+            alone = self._alone(runs)
+            free = runs.free_forces(self._controller)
+            yield Finding("runs", True, f"{SECONDS:g} s with {LANES} lanes, and alone")
             yield self._oracle()
             yield from self._force(free)
-            yield self._repeatable(whole, again)
+            yield self._repeatable(runs, whole, again)
             yield self._apart(whole, alone)
-            yield self._ride()
-            periods = _SECONDS / stepping.control_period
-            step, words = seconds / periods, f"ms per step with {_LANES} lanes"
-            slow = "" if step < _SLOW else "; that is slow: act takes all lanes at once, no loop"
-            good = None if slow else True
-            yield Finding("speed", good, f"{1e3 * step:.2f} {words}{slow}")
+            yield from _manners(runs)
+            yield self._ride(runs)
+            yield self._speed(runs, stepping)
+            yield self._to_the_end(runs)
             yield from self._nonlinear(stepping)
         except RailenvError as error:
             yield Finding("runs", False, str(error))
+
+    def _alone(self, runs: CheckRuns) -> FloatArray:
+        """Return the forces of the second lane by itself."""
+        try:
+            return runs.forces(self._controller, lanes=[1])
+        except RailenvError as error:
+            raise ControllerError(
+                f"{error}; in a run with one lane after one with {LANES}: reset(num_lanes, seed) "
+                "must make all that is kept for num_lanes lanes anew"
+            ) from error
 
     def _stepping(self) -> Stepping:
         stepping = self._suite.stepping(self._period)
@@ -201,15 +202,15 @@ class _Drive:
             words += f", next to nothing; {unit}"
         yield Finding("force", False if share > _AT_LIMIT else None, words)
 
-    def _repeatable(self, first: FloatArray, again: FloatArray) -> Finding:
-        if np.array_equal(first, again):
+    def _repeatable(self, runs: CheckRuns, first: FloatArray, again: FloatArray) -> Finding:
+        if np.array_equal(first, again, equal_nan=True):
             return Finding("repeatable", True, "two runs are the same bit for bit")
         self._controller = controller_for(self._entry.spec, self._place)
         words = (
-            "two runs with one seed differ: draw from a generator that reset(num_lanes, seed) "
-            "makes from the seed"
+            "two runs with one seed differ, also of a new controller: draw from a generator that "
+            "reset(num_lanes, seed) makes from the seed, and keep nothing in the class or module"
         )
-        if np.array_equal(first, self._forces()):
+        if np.array_equal(first, runs.forces(self._controller), equal_nan=True):
             words = (
                 "a second run differs from the first, and a new controller's first run does not: "
                 "reset(num_lanes, seed) must forget all that the last run has left"
@@ -217,27 +218,55 @@ class _Drive:
         return Finding("repeatable", False, words)
 
     def _apart(self, whole: FloatArray, alone: FloatArray) -> Finding:
-        apart = float(np.abs(whole[1] - alone[0]).max(initial=0.0))
+        apart = float(np.nan_to_num(np.abs(whole[1] - alone[0])).max(initial=0.0))
         # Rounding of matrix products may depend on how many rows there are.
-        if apart <= 1e-6 * max(float(np.abs(whole).max(initial=0.0)), 1.0):
+        if apart <= 1e-6 * max(float(np.nan_to_num(np.abs(whole)).max(initial=0.0)), 1.0):
             return Finding("lanes", True, "a lane does not depend on the others")
         words = (
-            f"a lane alone differs by {apart:.3g} N from the same one among {_LANES}: state or "
-            "noise is shared between lanes"
+            f"a lane alone differs by {apart:.3g} N from the same one among {LANES}: state, noise "
+            "or the told delay is shared between lanes"
         )
         return Finding("lanes", False, words)
 
-    def _ride(self) -> Finding:
+    def _ride(self, runs: CheckRuns) -> Finding:
         """Compare the floor's acceleration without delay with the passive vehicle's."""
         if not self._vehicle.num_actuators:
             return Finding("ride", None, "no actuators")
         passive = vehicle_of(self._place, "passive")
         assert isinstance(passive, LateralVehicle)
-        own, idle = self._floor(self._controller, self._vehicle), self._floor(Passive(), passive)
+        idle = CheckRuns(self._suite, passive, self._suite.stepping()).floor(Passive())
+        own = runs.floor(self._controller)
         words = f"without delay the floor shakes {own / idle:.2f} times as on passive dampers"
         if not own < idle and getattr(self._controller, "damper", None) is None:
             words += "; is the sign right? a positive action pushes the carbody to positive y"
         return Finding("ride", None, words)
+
+    def _speed(self, runs: CheckRuns, stepping: Stepping) -> Finding:
+        """Tell what the largest package of the suite would take, from runs of few and of many."""
+        few, many = (runs.step_seconds(self._controller, lanes) for lanes in (LANES, MANY))
+        spec, layout = self._entry.spec, self._place[2]
+        packages = packages_of(self._suite, spec, layout, ["lateral17"])
+        largest = max((len(package.scenarios) for package in packages), default=1)
+        growth = max(0.0, many - few) / (MANY - LANES)
+        step = few + growth * max(0, largest - LANES)
+        seconds = step * self._suite.duration("lateral17") / stepping.control_period
+        words = (
+            f"{1e3 * few:.2f} ms per step with {LANES} lanes, {1e3 * many:.2f} ms with {MANY}; "
+            f"about {seconds:.2g} s for a package of {largest} runs"
+        )
+        slow = "" if seconds < _SLOW else "; that is slow: act takes all lanes at once, no loop"
+        return Finding("speed", None if slow else True, words + slow)
+
+    def _to_the_end(self, runs: CheckRuns) -> Finding:
+        """Run it as long, and as late, as the suite does."""
+        delay = max(s.channel.delay for s in self._suite.scenarios)
+        what = f"{self._suite.duration('lateral17'):g} s at {1e3 * delay:g} ms"
+        try:
+            bounded = runs.to_the_end(self._controller, delay)
+        except RailenvError as error:
+            return Finding("whole run", False, f"in a run of {what}: {error}")
+        words = what if bounded else f"{what}: the vehicle diverged, which counts -1"
+        return Finding("whole run", True if bounded else None, words)
 
     def _nonlinear(self, stepping: Stepping) -> Iterator[Finding]:
         if not any(s.model == "full50" for s in self._suite.scenarios):
@@ -255,41 +284,15 @@ class _Drive:
             return
         yield Finding("nonlinear vehicle", True, "it runs on full50")
 
-    def _forces(self, lanes: list[int] | None = None, delay: Second = _DELAY) -> FloatArray:
-        """Return the forces of some lanes, shape (lanes, steps, channels) [N]."""
-        chosen = list(range(_LANES)) if lanes is None else lanes
-        names = force_names(self._vehicle)
-        return self._run(self._controller, self._vehicle, chosen, delay, names)
 
-    def _floor(self, controller: Controller, vehicle: LateralVehicle) -> float:
-        """Return the root mean square of both floors' lateral acceleration [m/s^2]."""
-        values = self._run(controller, vehicle, list(range(_LANES)), 0.0, ACCELERATIONS[:2])
-        start = round(_START / self._suite.time_step)
-        return float(np.sqrt(np.mean(np.nan_to_num(values[:, start:], nan=np.inf) ** 2)))
-
-    def _run(
-        self,
-        controller: Controller,
-        vehicle: LateralVehicle,
-        lanes: list[int],
-        delay: Second,
-        names: tuple[str, ...],
-    ) -> FloatArray:
-        """Return recorded signals, shape (lanes, steps, names)."""
-        stepping = self._suite.stepping(self._period)
-        periods = int(np.ceil(_SECONDS / stepping.control_period))
-        duration = periods * stepping.control_period
-        test = TestTracks("check")
-        length = required_length(vehicle, duration)
-        trajectory = rollout(
-            controller,
-            vehicle,
-            np.full((len(lanes), vehicle.num_actuators), delay),
-            duration,
-            tracks=[make_track("german_low", length, test.seed(lane)) for lane in lanes],
-            track_of_lane=np.arange(len(lanes)),
-            record=names,
-            stepping=stepping,
-            noise_seeds=[test.stream(str(lane)) for lane in lanes],
+def _manners(runs: CheckRuns) -> Iterator[Finding]:
+    """Say what does no harm here and may do so elsewhere."""
+    if runs.changed:
+        what = " and ".join(sorted(runs.changed))
+        words = f"it writes to {what}; make new arrays, elsewhere others read them too"
+        yield Finding("arguments", None, words)
+    if runs.numpy_errors:
+        words = (
+            "it changes how numpy takes errors for the whole program; use `with np.errstate(...)`"
         )
-        return trajectory.values
+        yield Finding("numpy's errors", None, words)

@@ -17,7 +17,7 @@ from baselines.policies.folder import CARD_FILE, POLICY_FILE
 from baselines.policies.shipped import shipped_folder, shipped_names
 from eval.packages import REFERENCE
 from eval.policy_score_oracle import is_told
-from eval.told_designs import PLACE
+from eval.told_designs import PLACE, check_place
 from eval.workers import Pool
 from railenv.errors import ArgumentError, ControllerError, InputFileError
 
@@ -76,10 +76,14 @@ def entry_of(spec: str) -> Entry:
     """Return the entry of one SPEC; see `entries_of`."""
     if spec == REFERENCE:
         raise ArgumentError(f"controller {REFERENCE!r} is run with every benchmark; leave it out")
-    if PLACE in spec:
-        return Entry(
-            spec, "told", None, models=_models(make_controller(spec.replace(PLACE, "0.1")))
+    if spec.endswith(":") and spec != _OWN:
+        raise ArgumentError(
+            f"controller {spec!r} has nothing behind its colon; write {spec.rstrip(':')!r}"
         )
+    if PLACE in spec:
+        check_place(spec)
+        law = make_controller(spec.replace(PLACE, "0.1"))
+        return Entry(spec, "told", None, models=_models(law))
     try:
         controller = make_controller(spec)
     except ControllerError:

@@ -3,6 +3,7 @@
 A SPEC with {delay} in it, as `lqg-delay:delay={delay}`, stands for such a family.
 """
 
+import re
 from collections.abc import Callable
 from functools import cache
 
@@ -17,6 +18,19 @@ PLACE = "{delay}"
 """What stands in a SPEC for the delay in seconds."""
 
 _ATTRIBUTES = ("layout", "measures", "action_scale", "control_period", "damper")
+
+
+_HERE = re.compile(r"[:,]delay=\{delay\}(?=,|$)")
+
+
+def check_place(spec: str) -> None:
+    """Raise `ArgumentError` unless {delay} stands in a SPEC once, as all of its parameter delay."""
+    if len(_HERE.findall(spec)) != 1 or spec.count(PLACE) != 1:
+        raise ArgumentError(
+            f"controller {spec!r}: {PLACE} stands for the delay that a law is designed for, once "
+            f"and as the whole value of its parameter delay, as in lqg-delay:delay={PLACE}; give "
+            "a number elsewhere"
+        )
 
 
 class ToldDesigns:

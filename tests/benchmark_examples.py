@@ -10,7 +10,7 @@ from eval.packages import packages_of
 from eval.scenarios import Suite
 from eval.scenarios.suite import Block
 from eval.store.reader import Reader
-from eval.workers import InlinePool, Limits, Pool
+from eval.workers import InlinePool, Limits, Outcome, Pool
 
 LIMITS = Limits(60.0, 2 * 2**30)
 BROKEN = "py:broken_controllers:"
@@ -110,3 +110,31 @@ def cells(folder: Path, **where: Any) -> list[dict[str, Any]]:
     """The recorded rows."""
     with Reader.open(folder) as reader:
         return list(reader.rows(**where))
+
+
+def ended(folder: Path) -> dict[str, list[str]]:
+    """How the cells of every controller ended."""
+    found: dict[str, list[str]] = {}
+    for row in cells(folder):
+        found.setdefault(row["controller"], []).append(row["status"])
+    return found
+
+
+class Ends(InlinePool):
+    """Does nothing: lets every task of one controller end in some way, and others in failure."""
+
+    def __init__(self, spec: str, status: str, stop_at: int | None = None) -> None:
+        self.spec, self.status, self.asked, self.stop_at = spec, status, 0, stop_at
+
+    def run(self, function: Any, tasks: Any) -> Any:
+        for task in tasks:
+            spec = task.package.controller if isinstance(task, CellWork) else task.controller
+            self.asked += spec == self.spec
+            if self.asked == self.stop_at:
+                raise KeyboardInterrupt
+            status: Any = self.status if spec == self.spec else "failed"
+            yield Outcome(task, status, None, "stopped", 1.0)
+
+
+SHORT = suite_of(block(delays_ms=(0.0, 100.0), seeds=2))
+"""One package of four scenarios per controller."""

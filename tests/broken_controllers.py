@@ -144,6 +144,90 @@ class Told(Law):
         return -(1.0 - 2.0 * self.told[:, None]) * observations[:, :4]
 
 
+class ToldTheFirst(Told):
+    """Takes the first lane's delay for that of all."""
+
+    def tell(self, delays: np.ndarray) -> None:
+        super().tell(np.full(len(delays), delays[0]))
+
+
+class SizedOnce(Law):
+    """Has a filter for as many lanes as the first run had."""
+
+    def reset(self, num_lanes: int, seed: int) -> None:
+        if not hasattr(self, "mean"):
+            self.mean = np.zeros((num_lanes, 4))
+        self.mean[:] = 0.0
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        self.mean += 0.1 * (observations[:, :4] - self.mean)
+        return -self.mean
+
+
+class NanAtTheEnd(Law):
+    """Fails after four and a half seconds of a run."""
+
+    def reset(self, num_lanes: int, seed: int) -> None:
+        self.steps = 0
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        self.steps += 1
+        return super().act(observations) * (np.nan if self.steps > 450 else 1.0)
+
+
+class OfTheClass(Law):
+    """Counts steps in the class, for all of its objects and runs."""
+
+    steps = 0
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        OfTheClass.steps += 1
+        return super().act(observations) * (1.0 + 1e-4 * OfTheClass.steps)
+
+
+class Overwrites(Told):
+    """Writes to what it is given."""
+
+    def tell(self, delays: np.ndarray) -> None:
+        super().tell(delays)
+        delays += 1.0
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        actions = super().act(observations)
+        observations[:] = 0.0
+        return actions
+
+
+class RaisesWarnings(Law):
+    """Makes numpy raise where it would warn, for the whole program."""
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        np.seterr(all="raise")
+        return super().act(observations)
+
+
+class SinglePrecision(Law):
+    def act(self, observations: np.ndarray) -> Any:
+        return super().act(observations.astype(np.float32)).astype(np.float32)
+
+
+class View(Law):
+    """Returns a part of what it is given."""
+
+    action_scale = 1e3
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        return observations[:, :4]
+
+
+class Loops(Law):
+    """Takes its lanes one by one, and its time."""
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        time.sleep(1e-4 * len(observations))
+        return super().act(observations)
+
+
 def nothing() -> None:
     """Return no controller."""
 

@@ -87,6 +87,54 @@ def exact(critical_ms: float | None, **changes: Any) -> dict[str, Any]:
     }
 
 
+def motion(
+    slope: float = 1.0, delays: Sequence[float] = (0.0, 0.1, 0.3), peak: int = 2000
+) -> dict[str, Any]:
+    """A controller's motion as `eval.benchmark_motion` gives it, of triangles and straight lines.
+
+    Args:
+        slope: One root moves by so much per 100 ms, from -2 1/s and 1 Hz on.
+        delays: Of the histories [s].
+        peak: Largest acceleration at 0 ms, in steps; it doubles with every delay.
+    """
+
+    def signal(high: int) -> dict[str, Any]:
+        wave = [round(high * abs(k % 20 - 10) / 10) for k in range(50)]
+        return {"rms": high / 2e4, "low": [w - 50 for w in wave], "high": wave}
+
+    runs = [
+        {
+            "delay_s": delay,
+            "front": signal(peak * 2**k // 2),
+            "rear": signal(peak * 2**k),
+            "force": signal(500 * 2**k),
+            "force_rms": 250.0 * 2**k,
+        }
+        for k, delay in enumerate(delays)
+    ]
+    steps = [k / 100.0 for k in range(31)]
+    moving = [[-2.0 + slope * delay / 0.1, 6.283185] for delay in steps]
+    branches = [{"first": 0, "roots": moving}, {"first": 20, "roots": [[-4.0, 3.0]]}]
+    roots = {"kind": "exact", "delays_s": steps, "branches": branches}
+    return {"window_s": [10.0, 12.0], "bin_s": 0.04, "runs": runs, "roots": roots}
+
+
+def passive_motion(peak: int = 3000) -> dict[str, Any]:
+    """The passive vehicle's motion: one run, no force, one root."""
+    found = motion(delays=(0.0,), peak=peak)
+    found["runs"][0] |= {"force": None, "force_rms": None}
+    still = [{"first": 0, "roots": [[-0.5, 3.0]]}]
+    return found | {"roots": {"kind": "passive", "delays_s": [0.0], "branches": still}}
+
+
+def add_motion(folder: Path, found: dict[str, dict[str, Any]], layout: str = "4") -> Path:
+    """Add motions by SPEC to records."""
+    with Store.resume(folder, SETTINGS) as store:
+        for spec, answer in found.items():
+            store.add_motion(spec, layout, "nominal", 300.0, answer)
+    return folder
+
+
 def write(
     folder: Path,
     controllers: dict[str, tuple[str, list[Cell], dict[str, Any] | None]],

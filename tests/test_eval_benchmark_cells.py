@@ -28,8 +28,7 @@ CHANNELS = ("constant", "spread", "jitter", "dropout")
 # No value is a default, so that none can be ignored.
 OWN: dict[str, Any] = {
     "skip": 2.0,
-    "control_period": 0.02,
-    "time_step": 0.004,
+    "time_step": 0.0025,
     "force_limit": 300.0,
     "sensor_noise": 0.2,
 }
@@ -57,7 +56,7 @@ def alone(suite: Suite, spec: str, scenario: Scenario, salt: str = "") -> dict[s
         dropout=0.1 if channel.kind == "dropout" else 0.0,
     )
     law = make_controller(spec, scenario.layout, "paper_fit", scenario.speed_kmh)
-    period = getattr(law, "control_period", None) or suite.control_period
+    period = getattr(law, "control_period", None) or 0.01
     trajectory = rollout(
         law,
         linear,
@@ -69,7 +68,7 @@ def alone(suite: Suite, spec: str, scenario: Scenario, salt: str = "") -> dict[s
             suite.time_step,
             ActuatorSpec(force_limit=suite.force_limit),
             sensor_noise=suite.sensor_noise,
-            max_delay=max(s.channel.delay for s in suite.scenarios) + 0.02,
+            max_delay=0.32,
         ),
         record=(*ACCELERATIONS, *force_names(linear)),
         channel=varying if number else None,
@@ -212,7 +211,7 @@ def test_the_nonlinear_vehicles_safety_is_that_of_each_lane_alone() -> None:
             np.full((1, 4), scenario.channel.delay),
             6.0,
             tracks=[track],
-            stepping=Stepping(max_delay=0.22),
+            stepping=Stepping(max_delay=0.32),
             channel=VaryingDelay((0,)),
             watch=watch.watch,
         )

@@ -1,7 +1,6 @@
 """`railenv benchmark` as it is typed: its answers, its refusals, and its check of a controller."""
 
 import csv
-import json
 import os
 import signal
 import subprocess
@@ -13,17 +12,17 @@ from typing import Any
 
 import psutil
 import pytest
+from benchmark_commands import Inline, answer, refusal
 from benchmark_examples import BROKEN, SUITE, TEXT, cells
-from test_eval_workers import gone
+from worker_tasks import gone
 
 from eval import command_benchmark
-from eval.benchmark import Benchmark
 from eval.cli import main
 from eval.scenarios import load_suite
 from eval.store.digest import digest
 from eval.store.reader import Reader
 from eval.store.schema import MEASURES
-from eval.workers import InlinePool, Limits, LocalPool
+from eval.workers import Limits, LocalPool
 
 # Beside test_eval_benchmark.py and test_eval_store.py, which the default run has.
 pytestmark = pytest.mark.slow
@@ -31,15 +30,6 @@ pytestmark = pytest.mark.slow
 TESTS = Path(__file__).parent
 KEY = "v0/lateral17/nominal/4/300/german_low/jitter:100/1"
 SALT = "sixteen characters or more"
-
-
-class Inline(InlinePool):
-    """Takes the place of worker processes, and notes how many there would be."""
-
-    made: list[tuple[int, Limits]]
-
-    def __init__(self, jobs: int, limits: Limits) -> None:
-        type(self).made.append((jobs, limits))
 
 
 @pytest.fixture
@@ -66,22 +56,6 @@ def done(tiny: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr(command_benchmark, "LocalPool", Inline)
         assert main(["benchmark", "--suite", tiny, "--out", str(folder), "--json"]) == 0
     return folder
-
-
-def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    assert main(["benchmark", *arguments, "--json"]) == 0
-    out = capsys.readouterr().out
-    assert out.count("\n") == 1
-    return json.loads(out)
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: str, status: int = 2) -> str:
-    assert main(["benchmark", *arguments]) == status
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert err.startswith("railenv benchmark: ")
-    return err
 
 
 def test_the_suite_in_words_is_the_suite_in_fields(tiny: str) -> None:
@@ -216,42 +190,6 @@ def test_cells_are_exported_as_parquet(
     assert found == [row["ride_index_rear"] for row in cells(done)]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--suite", "quik"), "quick"),
-        (("--suite", "missing.toml"), "missing.toml"),
-        (("--jobs", "0"), "jobs"),
-        (("--jobs", "two"), "jobs"),
-        (("--seconds", "0"), "seconds"),
-        (("--seconds", "nan"), "seconds"),
-        (("--memory", "-1"), "memory"),
-        (("--memory", "inf"), "memory"),
-        (("--controller", "skyhok"), "skyhook"),
-        (("--controller", "reference"), "leave it out"),
-        (("--controller", "lqg-delay:delai={delay}"), "delai"),
-        (("--controller", "py:no_such_module:Law"), "no_such_module"),
-        (("--private-salt", "short"), "salt"),
-        (("--export", "cells.txt"), "cells.txt"),
-        (("--resume",), "does not exist"),
-    ],
-    ids=" ".join,
-)
-def test_a_bad_argument_is_refused_in_one_line_before_the_work(
-    tiny: str,
-    made: list[Any],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: tuple[str, ...],
-    words: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    given = arguments if "--suite" in arguments else ("--suite", tiny, *arguments)
-    assert words in refusal(capsys, *given, "--out", "run")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_records_that_are_there_are_not_overwritten(
     tiny: str, done: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -280,66 +218,6 @@ def test_other_settings_are_not_resumed_with(
 ) -> None:
     given = ("--suite", tiny, "--out", str(done), "--resume", *arguments)
     assert name in refusal(capsys, *given)
-
-
-def handed_on(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> Benchmark:
-    """What `railenv benchmark` asks for; the run itself is left out."""
-    asked: list[Benchmark] = []
-    monkeypatch.setattr(command_benchmark, "run_benchmark", lambda b, *_: asked.append(b))
-    monkeypatch.setattr(command_benchmark, "_show", lambda *_: None)
-    assert main(["benchmark", *arguments]) == 0
-    return asked[0]
-
-
-def test_arguments_are_handed_on(
-    tiny: str, made: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given = ("--jobs", "3", "--seconds", "12", "--memory", "1.5", "--private-salt", SALT)
-    own = ("--controller", "zero", "--controller", "skyhook", "--controller", "zero")
-    out = ("--suite", tiny, "--out", str(tmp_path / "run"))
-    benchmark = handed_on(monkeypatch, *out, *given, *own)
-    assert [e.spec for e in benchmark.entries] == ["zero", "skyhook"]
-    assert benchmark.salt == SALT
-    assert benchmark.limits == Limits(12.0, 3 * 2**29)
-    assert made[-1] == (3, benchmark.limits)
-
-
-def test_without_arguments_the_suites_controllers_run_on_every_core_into_a_folder_of_its_name(
-    tiny: str, made: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    benchmark = handed_on(monkeypatch, "--suite", tiny)
-    assert [e.spec for e in benchmark.entries] == ["skyhook:gain=15e3"]
-    assert made[-1][0] == os.cpu_count()
-    assert (tmp_path / "runs" / "tiny" / "records.sqlite").exists()
-
-
-def test_the_check_exits_with_status_one_if_something_is_wrong(
-    made: list[Any], tiny: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["benchmark", "--suite", tiny, "--check", f"{BROKEN}Newtons"]) == 1
-    out, err = capsys.readouterr()
-    assert "PROBLEM  layout 4: force: " in out
-    assert "not fit for the benchmark" in err
-    assert made[0][0] == 1
-
-
-def test_the_check_exits_with_status_zero_if_nothing_is(
-    made: list[Any], tiny: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["benchmark", "--suite", tiny, "--check", f"{BROKEN}Law"]) == 0
-    out, err = capsys.readouterr()
-    assert "ok       layout 4: repeatable: " in out
-    assert err == ""
-
-
-def test_the_check_prints_one_object(
-    made: list[Any], tiny: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["benchmark", "--suite", tiny, "--check", f"{BROKEN}Nan", "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found["controller"] == f"{BROKEN}Nan"
-    assert {"name": "layout 4: runs", "good": False}.items() <= found["findings"][-1].items()
 
 
 @pytest.mark.parametrize(

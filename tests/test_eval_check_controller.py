@@ -27,7 +27,16 @@ def problems(found: dict[str, Finding]) -> list[str]:
 
 @pytest.mark.parametrize(
     "spec",
-    [f"{BROKEN}Law", f"{BROKEN}Told", "skyhook", "apg-linear", "passive", "semiactive-onoff"],
+    [
+        f"{BROKEN}Law",
+        f"{BROKEN}Told",
+        f"{BROKEN}SinglePrecision",
+        f"{BROKEN}View",
+        "skyhook",
+        "apg-linear",
+        "passive",
+        "semiactive-onoff",
+    ],
 )
 def test_a_controller_without_fault_has_no_problem(spec: str) -> None:
     found = {f.name: f for f in check_controller(CHECKED, spec)}
@@ -51,7 +60,11 @@ def test_a_controller_without_fault_has_no_problem(spec: str) -> None:
         ("Newtons", "force", "are the actions in newtons?"),
         ("Forgetful", "repeatable", "reset(num_lanes, seed) must forget"),
         ("Unseeded", "repeatable", "draw from a generator that reset(num_lanes, seed) makes"),
-        ("Shared", "lanes", "state or noise is shared between lanes"),
+        ("OfTheClass", "repeatable", "keep nothing in the class or module"),
+        ("Shared", "lanes", "state, noise or the told delay is shared between lanes"),
+        ("ToldTheFirst", "lanes", "state, noise or the told delay is shared between lanes"),
+        ("SizedOnce", "runs", "must make all that is kept for num_lanes lanes anew"),
+        ("NanAtTheEnd", "whole run", "in a run of 6 s at 300 ms: act returned a value that is not"),
         ("not_made", "made", "no licence"),
         ("nothing", "made", "a controller needs reset(num_lanes, seed) and act"),
     ],
@@ -66,6 +79,8 @@ def test_what_is_wrong_with_a_controller_is_said(name: str, finding: str, words:
     ("name", "finding", "words"),
     [
         ("WrongSign", "ride", "the sign right? a positive action pushes the carbody to positive y"),
+        ("Overwrites", "arguments", "writes to the delays that it is told and the observations"),
+        ("RaisesWarnings", "numpy's errors", "use `with np.errstate(...)`"),
         ("Faint", "force", "next to nothing; an action of one is action_scale = 3 kN"),
     ],
 )
@@ -138,13 +153,29 @@ def test_a_positive_action_pushes_the_carbody_to_positive_y() -> None:
     assert run.values[0, -1].min() > 0.0
 
 
-def test_a_slow_step_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_package_takes_is_said_and_is_no_problem(monkeypatch: pytest.MonkeyPatch) -> None:
     fast = findings("Law")["layout 4: speed"]
     assert (fast.good, "slow" in fast.words) == (True, False)
+    assert fast.words.endswith("for a package of 2 runs")
     monkeypatch.setattr("eval.check_controller._SLOW", 1e-9)
     slow = findings("Law")["layout 4: speed"]
     assert slow.good is None
     assert "that is slow: act takes all lanes at once" in slow.words
+
+
+def test_a_loop_over_lanes_is_told_by_what_it_takes_of_many() -> None:
+    suite = suite_of(block(delays_ms=(0.0, 300.0), seeds=100))
+    words = findings("Loops", suite)["layout 4: speed"].words
+    seconds = float(words.split("about ")[1].split(" s ")[0])
+    # 200 lanes of 0.1 ms in 600 steps sleep 12 s; with three lanes it would seem 0.2 s.
+    assert seconds > 12.0
+
+
+def test_what_a_controller_does_to_numpy_is_undone() -> None:
+    with np.errstate(all="warn"):
+        before = np.geterr()
+        findings("RaisesWarnings")
+        assert np.geterr() == before
 
 
 def test_a_worker_gives_all_findings_at_once() -> None:

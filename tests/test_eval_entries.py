@@ -107,11 +107,37 @@ def test_the_reference_cannot_be_entered() -> None:
 
 
 @pytest.mark.parametrize(
+    "spec",
+    [
+        "{delay}",
+        "skyhook:gain={delay}",
+        "lqg-delay:dealy={delay}",
+        "lqg-delay:delay={delay}{delay}",
+        "lqg-delay:delay=0.0{delay}",
+        "lqg-delay:delay={delay},delay={delay}",
+        "py:mine:law{delay}",
+    ],
+)
+def test_the_delays_place_is_the_whole_value_of_a_parameter_called_delay(spec: str) -> None:
+    with pytest.raises(ArgumentError) as found:
+        entry_of(spec)
+    # The SPEC is said as it was typed, and how it should be.
+    assert f"controller {spec!r}: " in str(found.value)
+    assert "as in lqg-delay:delay={delay}" in str(found.value)
+
+
+@pytest.mark.parametrize("spec", ["zero:", "passive:", "skyhook:"])
+def test_a_colon_with_nothing_behind_is_refused_so_that_a_law_has_one_name(spec: str) -> None:
+    with pytest.raises(ArgumentError, match=f"write '{spec[:-1]}'"):
+        entry_of(spec)
+
+
+@pytest.mark.parametrize(
     ("spec", "words"),
     [
         ("skyhok", "did you mean"),
         ("skyhook:gian=1", "did you mean 'gain'"),
-        ("lqg-delay:dealy={delay}", "did you mean 'delay'"),
+        ("lqg-delay:dealy=0.1", "did you mean 'delay'"),
         ("py:nowhere_at_all:law", "was not found"),
         ("py:", "py:module:function"),
         ("missing.npz", "missing.npz"),

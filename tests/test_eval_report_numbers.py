@@ -15,6 +15,8 @@ from eval.report.svg import ticks
 from eval.report.tables import gain_style
 from eval.report.words import NONE, critical_ms, critical_words, number
 from eval.scoring.board import Board
+from eval.scoring.gain import track_scores
+from eval.scoring.statistics import performance_profile
 
 # Beside test_eval_benchmark.py and test_eval_store.py, which the default run has.
 pytestmark = pytest.mark.slow
@@ -179,3 +181,31 @@ def test_number_has_a_minus_sign_and_no_minus_zero() -> None:
     assert number(-0.25) == "\N{MINUS SIGN}0.25"
     assert number(-0.001) == "0.00"
     assert number(math.nan) == number(None) == NONE
+
+
+def test_profiles_draw_a_track_in_all_its_conditions_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A second condition, which has one track of its own.
+    run = [*scenarios(seeds=3), *scenarios(more=[{"track": "tb3352"}], seeds=1)]
+    run = list(dict.fromkeys(run))
+    asked: list[Any] = []
+
+    def profile(scores: Any, thresholds: Any, resampling: Any, **more: Any) -> Any:
+        asked.append((scores, resampling, more["tracks"]))
+        return performance_profile(scores, thresholds, resampling, **more)
+
+    monkeypatch.setattr("eval.report.charts.performance_profile", profile)
+    page, (board,) = page_of(
+        write(tmp_path, {HOOK: ("untold", simple(run, 0.5, 250.0), None)}, run)
+    )
+    (((scores, resampling, tracks)),) = asked
+    score = board.standings[0].score
+    assert score is not None
+    conditions = track_scores(score.gains).values()
+    assert tracks == [list(each) for each in conditions]
+    assert scores == [list(each.values()) for each in conditions]
+    # One condition without a spread of its own takes the band from nobody.
+    assert 1 in map(len, tracks)
+    assert resampling is not None
+    assert '<path class="band' in page[page.index("Performance profiles") :]

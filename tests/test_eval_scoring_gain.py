@@ -7,17 +7,8 @@ from hypothesis import strategies as st
 from score_examples import PLACE, key, row, yardsticks
 
 from eval.packages import PASSIVE, REFERENCE
-from eval.scoring.gain import (
-    LEAST_GAIN,
-    Baseline,
-    ControllerScore,
-    baselines_of,
-    gains_of,
-    improvement,
-    score_matrix,
-    score_of,
-    worse_end,
-)
+from eval.scoring.baseline import LEAST_GAIN, Baseline, baselines_of, worse_end
+from eval.scoring.gain import ControllerScore, gains_of, improvement, score_matrix, score_of
 from eval.scoring.statistics import Resampling
 from eval.store.schema import LOST
 
@@ -164,15 +155,6 @@ def test_passive_and_reference_without_delay_stand_for_every_delay_and_channel()
 # Means.
 
 
-def test_the_score_is_the_mean_over_the_delays() -> None:
-    rows = [
-        row(key("constant:0"), 1.2),
-        row(key("constant:150"), 2.2),
-        row(key("constant:300"), "diverged"),
-    ]
-    assert scored(rows).score.estimate == pytest.approx(0.0, abs=1e-14)
-
-
 def test_conditions_weigh_alike_whatever_their_numbers_of_tracks_and_delays() -> None:
     many = [row(key(f"constant:{d}", k), 2.2) for d in (0, 100, 200, 300) for k in range(10)]
     few = [row(key(f"jitter:{d}", k), 1.2) for d in (0, 300) for k in range(2)]
@@ -289,6 +271,16 @@ def test_an_improvement_is_over_common_conditions_alone() -> None:
     assert improvement(scored(good), scored(other), FEW) is None
     both = other + [row(key(seed=k), 1.2) for k in range(2)]
     assert beside(good, both).estimate == 0.0
+
+
+def test_a_condition_of_one_track_leaves_the_interval_of_the_others_and_is_named() -> None:
+    rows = [row(key(seed=k), index) for k, index in enumerate((1.2, 2.2))]
+    pair = scored(rows, resampling=FEW).score
+    found = scored([*rows, row(key("jitter:0"), 1.7)], resampling=FEW)
+    # Two conditions weigh alike: half of the first one's interval, and half of 0.5.
+    assert found.score.low == pytest.approx((pair.low + 0.5) / 2, abs=1e-14)
+    assert found.score.high == pytest.approx((pair.high + 0.5) / 2, abs=1e-14)
+    assert [condition[-1] for condition in found.single] == ["jitter"]
 
 
 def test_an_improvement_of_one_track_has_no_interval() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eval.scoring import statistics
+from eval.scoring import bootstrap
 from eval.scoring.statistics import (
     Aggregates,
     Interval,
@@ -286,7 +286,7 @@ class TestDraws:
     ) -> None:
         few = Resampling(draws=500)
         whole = aggregates(X, resampling=few), probability_of_improvement(X, Y, few)
-        monkeypatch.setattr(statistics, "_ELEMENTS", 7 * 60)
+        monkeypatch.setattr(bootstrap, "_ELEMENTS", 7 * 60)
         assert (aggregates(X, resampling=few), probability_of_improvement(X, Y, few)) == whole
 
     def test_memory_does_not_grow_with_the_draws(self) -> None:
@@ -321,7 +321,7 @@ class TestRefusals:
             ([[[0.0], [1.0, 2.0]]], "scores[0] has rows of unequal length"),
             ([["a", "b"]], "type <U1; give a vector of real numbers"),
             ([[True, False]], "type bool"),
-            ([[1.0, 2.0], [1.0]], "scores[1] has one run"),
+            ([[1.0], [1.0]], "scores has one run per task"),
         ],
     )
     def test_scores_that_are_no_list_of_tasks_are_refused(

@@ -4,6 +4,11 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
+from markupsafe import Markup
+
+from eval.packages import PASSIVE
+from eval.report.locus import locus_chart, locus_sentence
+from eval.report.motion import Answer, Scale, history_chart
 from eval.report.tables import Table, condition_gains, gain_cell, speed_table
 from eval.report.view import BoardView, Entrant
 from eval.report.words import condition_words, critical_words, number, spread
@@ -47,6 +52,7 @@ class Card:
         failures: Reasons, the commonest first.
         other_failures: Number of reasons that are not shown.
         worst: Key of the worst cell, or of a failed one; "" if there is neither.
+        pictures: Time histories and root locus, and why one is missing.
     """
 
     entrant: Entrant
@@ -60,21 +66,41 @@ class Card:
     failures: tuple[Failure, ...]
     other_failures: int
     worst: str
+    pictures: "Pictures"
 
 
-def cards_of(view: BoardView, hashes: dict[str, str | None]) -> list[Card]:
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """How a controller moves the vehicle.
+
+    Attributes:
+        histories: Time histories; None where there are none.
+        locus: Root locus; None where there is none.
+        locus_words: What the locus shows.
+        missing: Why something is missing; "" if nothing is, or if nothing is on record.
+    """
+
+    histories: Markup | None = None
+    locus: Markup | None = None
+    locus_words: str = ""
+    missing: str = ""
+
+
+def cards_of(
+    view: BoardView, hashes: dict[str, str | None], motion: dict[str, Answer], scale: Scale
+) -> list[Card]:
     """Return the cards of a board, the best controller's first.
 
     Args:
         view: The board.
         hashes: SHA-256 by SPEC of the file behind a controller, None if it needs none.
+        motion: What `eval.benchmark_motion.motion_answer` has found, by SPEC, on this layout.
+        scale: What the accelerations are drawn by.
     """
-    return [
-        _card(view.board.layout, entrant, hashes.get(entrant.name)) for entrant in view.entrants
-    ]
+    return [_card(entrant, hashes.get(entrant.name), motion, scale) for entrant in view.entrants]
 
 
-def _card(layout: str, entrant: Entrant, sha256: str | None) -> Card:
+def _card(entrant: Entrant, sha256: str | None, motion: dict[str, Answer], scale: Scale) -> Card:
     score = entrant.standing.score
     gains = () if score is None else score.gains
     conditions = condition_gains(gains)
@@ -82,7 +108,7 @@ def _card(layout: str, entrant: Entrant, sha256: str | None) -> Card:
     worst = "" if score is None else score.worst.key
     return Card(
         entrant=entrant,
-        name=f"card-{layout}-{entrant.rank}",
+        name=f"card-{scale.layout}-{entrant.rank}",
         facts=tuple(_facts(entrant, sha256)),
         by_delay=_by_delay(entrant),
         by_speed=speed_table(entrant, "Gain by speed and delay"),
@@ -92,7 +118,23 @@ def _card(layout: str, entrant: Entrant, sha256: str | None) -> Card:
         failures=tuple(failures[:_MOST_REASONS]),
         other_failures=max(0, len(failures) - _MOST_REASONS),
         worst=worst or (failures[0].key if failures else ""),
+        pictures=_pictures(entrant, motion, scale),
     )
+
+
+def _pictures(entrant: Entrant, motion: dict[str, Answer], scale: Scale) -> Pictures:
+    answer = motion.get(entrant.name)
+    if answer is None:
+        return Pictures()
+    if "error" in answer:
+        return Pictures(missing=f"No time histories and no roots: {answer['error']}.")
+    histories = history_chart(f"motion-{scale.layout}-{entrant.rank}", answer, scale)
+    roots = answer["roots"]
+    if "none" in roots:
+        return Pictures(histories, missing=f"No root locus: {roots['none']}.")
+    passive = motion.get(PASSIVE, {}).get("roots")
+    locus = locus_chart(f"locus-{scale.layout}-{entrant.rank}", roots, passive)
+    return Pictures(histories, locus, locus_sentence(roots))
 
 
 def _facts(entrant: Entrant, sha256: str | None) -> list[tuple[str, str]]:

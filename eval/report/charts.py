@@ -9,7 +9,8 @@ from markupsafe import Markup
 from eval.report.svg import HEIGHT, Chart, Point, ticks
 from eval.report.view import BoardView, Entrant, shown_rows
 from eval.report.words import critical_ms, critical_words, layout_words, number, shown_words
-from eval.scoring.gain import Row, score_matrix, worse_end
+from eval.scoring.baseline import Row, worse_end
+from eval.scoring.gain import track_scores
 from eval.scoring.statistics import Interval, Resampling, performance_profile
 
 _ROW = 9.0
@@ -193,12 +194,16 @@ def profile_chart(view: BoardView) -> Markup | None:
         if entrant.standing.score is None:
             continue
         scored = True
-        runs = list(score_matrix(entrant.standing.score.gains).values())
-        single = entrant.colour is None or any(len(each) < 2 for each in runs)
+        scores = track_scores(entrant.standing.score.gains).values()
+        # A track is drawn in all its conditions at once, as in the score's interval.
+        drawn = entrant.colour is not None and any(len(tracks) > 1 for tracks in scores)
         profile = performance_profile(
-            runs, _THRESHOLDS, None if single else Resampling(_PROFILE_DRAWS)
+            [list(tracks.values()) for tracks in scores],
+            _THRESHOLDS,
+            Resampling(_PROFILE_DRAWS) if drawn else None,
+            tracks=[list(tracks) for tracks in scores],
         )
-        if not single:
+        if drawn:
             chart.area(
                 _pairs(profile.low), _pairs(profile.high), f"band {entrant.classes}", entrant.place
             )

@@ -10,8 +10,11 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from eval.report.cards import Card, cards_of
+from eval import benchmark_motion, benchmark_roots
+from eval.packages import PASSIVE
+from eval.report.cards import cards_of
 from eval.report.charts import pareto_chart, profile_chart, ride_chart
+from eval.report.motion import Answer, passive_signals, scale_of
 from eval.report.reproduce import cell_command, sessions_of, suite_argument, suite_lines
 from eval.report.svg import MARKS, mark, visible
 from eval.report.tables import delays_table, indices_table, leaderboard, speed_table
@@ -24,8 +27,9 @@ from eval.report.words import (
     shown_words,
     spread,
 )
+from eval.scoring.baseline import LEAST_GAIN
 from eval.scoring.board import Board
-from eval.scoring.gain import LEAST_GAIN
+from eval.scoring.board_text import warnings_of
 from eval.scoring.statistics import RESAMPLING
 from eval.store.reader import Reader
 from eval.store.schema import RECORDS_FILE
@@ -60,6 +64,9 @@ def _content(reader: Reader, boards: Sequence[Board]) -> dict[str, Any]:
     rows = list(reader.rows())
     views = views_of(boards, rows)
     hashes = {row["spec"]: row["sha256"] for row in reader.controllers()}
+    motion: dict[str, dict[str, Answer]] = {}
+    for row in reader.motion():
+        motion.setdefault(row["layout"], {})[row["controller"]] = row["answer"]
     sessions = sessions_of(reader)
     suite, salted = suite_argument(reader), bool(reader.settings.salt_commitment)
     script = (_TEMPLATES / "report.js").read_text(encoding="utf-8")
@@ -78,25 +85,32 @@ def _content(reader: Reader, boards: Sequence[Board]) -> dict[str, Any]:
         "runs": len(rows),
         "suite_lines": suite_lines(reader),
         "suite": suite,
-        "boards": [_board(view, cards_of(view, hashes)) for view in views],
+        "boards": [_board(view, hashes, motion.get(view.board.layout, {})) for view in views],
         "everyone": sorted(everyone.items(), key=lambda entry: entry[1].lower()),
         "cell_command": cell,
         "legend_mark": _legend_mark,
         "hollow": mark("^", "", (0.0, 0.0), "mark hollow other", ""),
         "colours": [f"k{k}" for k in range(MOST_COLOURS)],
         "shown": shown_words(),
-        "least_gain": LEAST_GAIN,
         "coverage": f"{100 * RESAMPLING.coverage:g} %",
         "draws": f"{RESAMPLING.draws:,}",
         "number": number,
+        "motion": benchmark_motion,
+        "roots": benchmark_roots,
+        "motion_place": f"{benchmark_motion.VEHICLE} vehicle, {benchmark_motion.SPEED_KMH:g} km/h",
         "script": Markup(script),  # noqa: S704 (a file of this package)
         "script_hash": digest,
         "style": Markup((_TEMPLATES / "report.css").read_text(encoding="utf-8")),  # noqa: S704
     }
 
 
-def _board(view: BoardView, cards: Sequence[Card]) -> dict[str, Any]:
+def _board(
+    view: BoardView, hashes: dict[str, str | None], motion: dict[str, Answer]
+) -> dict[str, Any]:
     board = view.board
+    passive = motion.get(PASSIVE)
+    scale = scale_of(board.layout, passive, list(motion.values()))
+    cards = cards_of(view, hashes, motion, scale)
     pareto, missing = pareto_chart(view)
     force = board.reference_force
     unscored = {place: each for place, each in board.baselines.items() if not each.scored}
@@ -104,6 +118,7 @@ def _board(view: BoardView, cards: Sequence[Card]) -> dict[str, Any]:
         "view": view,
         "layout": board.layout,
         "words": layout_words(board.layout),
+        "warnings": warnings_of(board),
         "force": None if force is None else f"{number(force / 1000.0)} kN",
         "heads": _heads(view),
         "columns": leaderboard(view),
@@ -117,6 +132,10 @@ def _board(view: BoardView, cards: Sequence[Card]) -> dict[str, Any]:
             (e, table) for e in view.coloured if (table := speed_table(e, f"{e.rank}. {e.name}"))
         ],
         "cards": cards,
+        "passive_signals": passive_signals(scale, passive),
+        "without_motion": sum(e.name not in motion for e in view.entrants),
+        "has_motion": any(card.pictures.histories for card in cards),
+        "passive_locus": passive is not None and "roots" in passive,
         "unscored": _unscored(unscored),
     }
 
@@ -163,7 +182,9 @@ def _unscored(baselines: dict[tuple[str, ...], Any]) -> list[tuple[str, str]]:
     for place, baseline in baselines.items():
         model, vehicle, layout, speed, track, _ = place
         words = condition_words((model, vehicle, layout, speed, track, ""))
-        if baseline.passive is None:
+        if baseline.lost:
+            reason = f"nothing is known, since a run was lost ({baseline.lost})"
+        elif baseline.passive is None:
             reason = "the passive vehicle diverges"
         elif baseline.reference is None:
             reason = "the reference diverged or has no run"

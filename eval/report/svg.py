@@ -89,8 +89,9 @@ class Chart:
 
     @property
     def left(self) -> float:
-        """Where the axes begin [px]."""
-        return 56.0
+        """Where the axes begin: right of the longest number beside them [px]."""
+        longest = max(len(_minus(value)) for value in ticks(*self.y_range, 6))
+        return max(56.0, 30.0 + 7.5 * longest)
 
     @property
     def right(self) -> float:

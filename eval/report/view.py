@@ -6,7 +6,7 @@ from typing import Any
 
 from eval.packages import PASSIVE, REFERENCE
 from eval.report.svg import MARKS
-from eval.scoring.board import SHOWN, SKYHOOK, Board, Standing
+from eval.scoring.board import SHOWN, Board, Standing, is_skyhook
 from eval.scoring.gain import Row
 from eval.store.schema import DIVISIONS
 
@@ -75,12 +75,7 @@ class BoardView:
     @property
     def best_skyhook(self) -> Entrant | None:
         """The best sky-hook that has a score."""
-        return next(filter(is_skyhook, self.entrants), None)
-
-
-def is_skyhook(entrant: Entrant) -> bool:
-    """Whether it is a scored sky-hook of a constant gain."""
-    return _is_scored_skyhook(entrant.standing)
+        return next((e for e in self.entrants if _is_scored_skyhook(e.standing)), None)
 
 
 def views_of(boards: Sequence[Board], rows: Iterable[Row]) -> list[BoardView]:
@@ -146,4 +141,4 @@ def _colours(standings: Sequence[Standing], before: dict[str, int]) -> dict[str,
 
 
 def _is_scored_skyhook(standing: Standing) -> bool:
-    return standing.score is not None and standing.controller.partition(":")[0] == SKYHOOK
+    return standing.score is not None and is_skyhook(standing.controller)

@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-from eval.packages import PASSIVE, REFERENCE
 from eval.scenarios import Scenario
 from eval.scoring.board import SHOWN, Standing
 from eval.scoring.board_text import critical_text
@@ -110,8 +109,3 @@ def lost_words(standing: Standing) -> str:
     parts = [f"{standing.diverged} diverged"] if standing.diverged else []
     parts += [f"{count} {status}" for status, count in standing.lost.items()]
     return ", ".join(parts) or "none"
-
-
-def is_baseline(spec: str) -> bool:
-    """Whether a controller is one of the two that gains are measured by."""
-    return spec in (PASSIVE, REFERENCE)

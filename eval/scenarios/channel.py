@@ -1,7 +1,6 @@
 """Channels of the benchmark: how a delay is spread over actuators and over time.
 
-Named by a kind and a delay d in milliseconds, "constant:100". All kinds have the delay d in one
-actuator at least, so that a delay means much the same in all of them:
+Named by a kind and a delay d in milliseconds, "constant:100":
 
 - constant: d in every channel.
 - spread: d in the last channel, d/2 in the first, evenly between them.

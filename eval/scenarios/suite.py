@@ -6,6 +6,7 @@ suite's content is a new version: scores of different versions are not comparabl
 """
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,10 +20,16 @@ from eval.scenarios.scenario import Scenario
 from railenv.actuation import ActuatorSpec
 from railenv.config import config_path, from_mapping, load_toml
 from railenv.errors import ArgumentError, check_count, check_not_negative, check_positive
-from railenv.simulation import whole_multiple
+from railenv.simulation import DEFAULT_CONTROL_PERIOD, whole_multiple
 from railenv.units import Dimensionless, KilometrePerHour, Newton, Second
 
 _SEGMENT: Second = 5.0
+_LONGEST_RUN: Second = 600.0
+_MOST_SCENARIOS = 1_000_000
+_SPEEDS: tuple[KilometrePerHour, KilometrePerHour] = (50.0, 1000.0)
+LONGEST_DELAY_MS = 300.0
+"""Longest delay of a scenario [ms]; the score is a mean up to it. What a controller sees of its own
+past actions reaches back so far in every suite, so that a cell is the same cell in all of them."""
 _LISTS = ("models", "vehicles", "layouts", "speeds_kmh", "tracks", "channels", "delays_ms")
 
 
@@ -64,6 +71,22 @@ class Block:
             if len(set(values)) < len(values):
                 raise ArgumentError(f"{where}{field} has an entry twice; give it once")
         check_count(f"{where}seeds", self.seeds)
+        for delay in self.delays_ms:
+            # Not a number is not below it either.
+            if not delay <= LONGEST_DELAY_MS:
+                raise ArgumentError(
+                    f"{where}delays_ms has {delay:g}; give {LONGEST_DELAY_MS:g} or less"
+                )
+        for speed in self.speeds_kmh:
+            if not _SPEEDS[0] <= speed <= _SPEEDS[1]:
+                raise ArgumentError(
+                    f"{where}speeds_kmh has {speed:g}; give {_SPEEDS[0]:g} to {_SPEEDS[1]:g}"
+                )
+
+    @property
+    def number(self) -> int:
+        """How many scenarios there are."""
+        return math.prod(len(getattr(self, field)) for field in _LISTS) * self.seeds
 
     def scenarios(self, version: str) -> list[Scenario]:
         """Return the block's scenarios."""
@@ -97,7 +120,6 @@ class Suite:
         skip: Time left out before it [s].
         sensor_noise: Standard deviation of the readings' noise, in units of the controlled
             response [1].
-        control_period: Time between commands, of controllers without one of their own [s].
         time_step: Time between records [s].
         force_limit: Actuators' force limit [N].
 
@@ -113,7 +135,6 @@ class Suite:
     full_seconds: Second = 20.0
     skip: Second = 10.0
     sensor_noise: Dimensionless = DESIGN_NOISE
-    control_period: Second = 0.01
     time_step: Second = 0.005
     force_limit: Newton = 30e3
 
@@ -122,8 +143,10 @@ class Suite:
             raise ArgumentError("the suite has no [[blocks]]; give at least one")
         check_positive("force_limit", self.force_limit, "N")
         check_not_negative("sensor_noise", self.sensor_noise)
-        whole_multiple("control_period", self.control_period, "time_step", self.time_step)
-        if not self.name or not self.name.isprintable() or "/" in self.name:
+        step = "time_step", self.time_step
+        whole_multiple("control_period", DEFAULT_CONTROL_PERIOD, *step)
+        if not self.name.isprintable() or "/" in self.name or self.name[:1] in ("", "."):
+            # It names a folder.
             raise ArgumentError(f"name = {self.name!r} is no name of a suite; give a word")
         check_not_negative("skip", self.skip, "seconds")
         for name in ("seconds", "full_seconds"):
@@ -132,6 +155,18 @@ class Suite:
                     f"{name} = {getattr(self, name):g} s is too short; give {_SEGMENT:g} or more, "
                     "the ride index is a mean over segments of that length"
                 )
+            if getattr(self, name) > _LONGEST_RUN:
+                raise ArgumentError(
+                    f"{name} = {getattr(self, name):g} s is too long; give {_LONGEST_RUN:g} or less"
+                )
+        for name in ("seconds", "full_seconds", "skip"):
+            if getattr(self, name) > 0.0:
+                whole_multiple(name, getattr(self, name), "control_period", DEFAULT_CONTROL_PERIOD)
+        number = sum(block.number for block in self.blocks)
+        if number > _MOST_SCENARIOS:
+            raise ArgumentError(
+                f"the blocks make {number} scenarios; give {_MOST_SCENARIOS} or fewer"
+            )
         _check_whole(self.scenarios)
 
     @cached_property
@@ -152,14 +187,13 @@ class Suite:
         """Return how a run is stepped.
 
         Args:
-            control_period: The controller's own; None for the suite's [s].
+            control_period: The controller's own; None for the usual one [s].
         """
-        longest = max(delay for block in self.blocks for delay in block.delays_ms) / 1000.0
         return Stepping(
-            control_period or self.control_period,
+            control_period or DEFAULT_CONTROL_PERIOD,
             self.time_step,
             ActuatorSpec(force_limit=self.force_limit),
-            max_delay=longest + JITTER,
+            max_delay=LONGEST_DELAY_MS / 1000.0 + JITTER,
             sensor_noise=self.sensor_noise,
         )
 

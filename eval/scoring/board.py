@@ -1,25 +1,20 @@
 """Leaderboards from records: one per layout, controllers ranked by their delay-robust score."""
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from eval.packages import PASSIVE, REFERENCE
-from eval.scoring.gain import (
-    Baseline,
-    Condition,
-    ControllerScore,
-    Row,
-    baselines_of,
-    improvement,
-    score_of,
-    worse_end,
-)
+from eval.scoring.baseline import Baseline, Condition, Row, baselines_of, lost_baselines, worse_end
+from eval.scoring.finished import planned_rows, progress_of
+from eval.scoring.gain import ControllerScore, delays_of, improvement, score_of
 from eval.scoring.statistics import RESAMPLING, Interval, Resampling
 from eval.store.reader import Reader
 from eval.store.schema import LOST
+from eval.told_designs import PLACE
 
 SKYHOOK = "skyhook"
 UNTOLD = "untold"
@@ -87,6 +82,8 @@ class Board:
         passive: Row of the passive vehicle, likewise.
         baselines: Passive and reference by vehicle, track and seed.
         reference_force: Root mean square force of the reference [N].
+        progress: Runs that are there and runs that there are to be, by controller, passive and
+            reference too; empty where the records do not say.
     """
 
     layout: str
@@ -94,6 +91,17 @@ class Board:
     passive: Standing
     baselines: dict[Condition, Baseline]
     reference_force: float | None
+    progress: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    @property
+    def unfinished(self) -> dict[str, tuple[int, int]]:
+        """Controllers that lack runs: those that are there, and those that there are to be."""
+        return {spec: runs for spec, runs in self.progress.items() if runs[0] < runs[1]}
+
+    @property
+    def lost_baselines(self) -> Counter[str]:
+        """Why runs of passive or reference were lost: nothing is scored there."""
+        return lost_baselines(self.baselines)
 
 
 def boards_of(reader: Reader, resampling: Resampling | None = RESAMPLING) -> list[Board]:
@@ -102,10 +110,18 @@ def boards_of(reader: Reader, resampling: Resampling | None = RESAMPLING) -> lis
     Args:
         reader: The records.
         resampling: Of the intervals; None for none.
+
+    Raises:
+        InputFileError: They hold what no score can be made from.
     """
+    reader.check_shown()
     rows = list(reader.rows())
-    layouts = sorted({str(row["layout"]) for row in rows}, reverse=True)
-    return [_board(reader, rows, layout, resampling) for layout in layouts]
+    progress = progress_of(reader, rows)
+    layouts = sorted({str(row["layout"]) for row in rows} | progress.keys(), reverse=True)
+    return [
+        replace(_board(reader, rows, layout, resampling), progress=progress.get(layout, {}))
+        for layout in layouts
+    ]
 
 
 def plain_board(board: Board) -> dict[str, Any]:
@@ -113,6 +129,13 @@ def plain_board(board: Board) -> dict[str, Any]:
     return {
         "layout": board.layout,
         "reference_force_rms": board.reference_force,
+        "runs": sum(there for there, _ in board.progress.values()),
+        "planned_runs": sum(planned for _, planned in board.progress.values()),
+        "unfinished": {
+            spec: {"runs": there, "planned_runs": planned}
+            for spec, (there, planned) in board.unfinished.items()
+        },
+        "lost_baselines": dict(board.lost_baselines),
         "standings": [_plain(standing) for standing in (*board.standings, board.passive)],
     }
 
@@ -146,6 +169,8 @@ def _plain(standing: Standing) -> dict[str, Any]:
         answer["worst"] = {"key": score.worst.key, "gain": score.worst.gain}
         answer["gain_by_delay"] = {f"{delay:g}": gain for delay, gain in score.by_delay.items()}
         answer["unscored"] = len(score.unscored)
+        answer["partial"] = len(score.partial)
+        answer["single_track_conditions"] = len(score.single)
     return answer
 
 
@@ -170,14 +195,17 @@ def _board(
         row["controller"]: row["answer"] for row in reader.stability() if row["layout"] == layout
     }
     divisions = {row["spec"]: row["division"] for row in reader.controllers()}
-    scores = {
-        spec: score_of(own, baselines, resampling)
-        for spec, own in here.items()
-        if spec not in (PASSIVE, REFERENCE)
-    }
+    running = {spec: own for spec, own in here.items() if spec not in (PASSIVE, REFERENCE)}
+    delays = delays_of([*(row for own in running.values() for row in own), *planned_rows(reader)])
+    scores = {spec: score_of(own, baselines, resampling, delays) for spec, own in running.items()}
     best = _best_skyhook(scores)
     rival = scores.get(best) if best is not None else None
-    everywhere = {each.key for score in scores.values() if score for each in score.gains}
+    everywhere = {
+        key
+        for score in scores.values()
+        if score
+        for key in (*(each.key for each in score.gains), *score.partial)
+    }
     made: dict[str, Standing] = {}
     for spec in (*here, *({PASSIVE} - {*here})):
         score, better = scores.get(spec), None
@@ -187,9 +215,9 @@ def _board(
         standing = _standing(
             spec, divisions.get(spec, UNTOLD), own, score, better, answers.get(spec, {})
         )
-        if score is not None:
-            missing = len(everywhere) - len(score.gains)
-            standing = replace(standing, missing=missing)
+        if spec in running:
+            missing = everywhere - {str(row["key"]) for row in own}
+            standing = replace(standing, missing=len(missing))
         made[spec] = standing
     ranked = sorted(scores, key=lambda spec: (made[spec].missing > 0, _rank(scores[spec]), spec))
     force = made[REFERENCE].force_rms if REFERENCE in made else None
@@ -205,9 +233,14 @@ def _best_skyhook(scores: dict[str, ControllerScore | None]) -> str | None:
     known = [
         (score.score.estimate, spec)
         for spec, score in scores.items()
-        if score is not None and spec.partition(":")[0] == SKYHOOK
+        if score is not None and is_skyhook(spec)
     ]
     return max(known)[1] if known else None
+
+
+def is_skyhook(spec: str) -> bool:
+    """Whether a SPEC is a sky-hook of a constant gain."""
+    return spec.partition(":")[0] == SKYHOOK and PLACE not in spec
 
 
 def _standing(

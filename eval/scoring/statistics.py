@@ -10,60 +10,35 @@ drop the rest of the task would change the score silently. With equal numbers ev
 rliable's. With unequal ones what pools (interquartile mean, optimality gap, profile of runs) counts
 every run alike, and what averages tasks (mean, median, improvement, profile of means) every task.
 
-The bootstrap draws runs with replacement within each task, independently from task to task; the
-tasks are fixed. Its intervals are percentile ones, as in rliable: with n runs per task they are too
-narrow, by a factor sqrt((n - 1) / n) at least. A task of one run has no spread to draw from, its
-interval would claim certainty: only the estimate can be asked for then (`resampling=None`).
-Two controllers are drawn independently of each other, as in rliable, although both drive the same
-tracks: that they do is not used to narrow the interval of an improvement.
+The bootstrap draws runs with replacement within each task; the tasks are fixed. Intervals are
+percentile ones, as in rliable: with n runs per task they are too narrow, by a factor
+sqrt((n - 1) / n) at least. Tasks are drawn independently, as in rliable, unless `tracks` says which
+runs are of one track: these are drawn together, see `eval.scoring.bootstrap`.
+
+A task of one run has no spread to draw from: it is the same in every draw and adds nothing to the
+width. Where all tasks have one run, only the estimate can be asked for (`resampling=None`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from railenv.errors import ArgumentError, check_count, check_finite
+from eval.scoring.bootstrap import RESAMPLING, IndexArray, Labels, Resampling, bootstrap
+from railenv.errors import ArgumentError, check_finite
 from railenv.units import Dimensionless, FloatArray
 
-_SEED = 20_260_801
-
-_ELEMENTS, _ROWS = 2**17, 256
-"""Most runs and most draws at a time: a few MiB, whatever the number of draws. Results do not
-depend on them, since the generator hands out its numbers draw by draw and run by run."""
-
-_IndexArray = NDArray[np.intp]
-
-
-@dataclass(frozen=True, eq=False)
-class Resampling:
-    """How the bootstrap draws.
-
-    Attributes:
-        draws: Number of draws, 100 or more; 10,000 place an end to about 1 % of the width.
-        coverage: Probability that an interval stands for [1], above zero and below one.
-        generator: Source of the draws, used up as they go; None draws the same at every call.
-    """
-
-    draws: int = 10_000
-    coverage: Dimensionless = 0.95
-    generator: np.random.Generator | None = None
-
-    def __post_init__(self) -> None:
-        check_count("draws", self.draws, minimum=100)
-        if not 0.0 < check_finite("coverage", self.coverage) < 1.0:
-            raise ArgumentError(
-                f"coverage = {self.coverage} must lie above 0 and below 1; give 0.95 for 95 %"
-            )
-        if not isinstance(self.generator, np.random.Generator | None):
-            raise ArgumentError(
-                f"generator = {self.generator!r} is no numpy.random.Generator; give one or None"
-            )
-
-
-RESAMPLING = Resampling()
-"""10,000 draws of the fixed seed, 95 %."""
+__all__ = [
+    "RESAMPLING",
+    "Aggregates",
+    "Interval",
+    "Profile",
+    "Resampling",
+    "aggregates",
+    "performance_profile",
+    "probability_of_improvement",
+]
 
 
 @dataclass(frozen=True)
@@ -117,24 +92,29 @@ class Profile:
 
 
 def aggregates(
-    scores: Sequence[ArrayLike], target: float = 1.0, resampling: Resampling | None = RESAMPLING
+    scores: Sequence[ArrayLike],
+    target: float = 1.0,
+    resampling: Resampling | None = RESAMPLING,
+    tracks: Labels | None = None,
 ) -> Aggregates:
     """Return the four aggregates, with the intervals of rliable's `StratifiedBootstrap`.
 
     Args:
-        scores: One vector of shape (runs,) per task [1]; at least two runs each, or one without
-            resampling.
+        scores: One vector of shape (runs,) per task [1]; at least one has two runs, unless there is
+            no resampling.
         target: Score that is good enough, rliable's gamma [1].
         resampling: How runs are drawn; None for the estimates alone.
+        tracks: Number of every run's track, in the shape of the scores; None for tracks that no two
+            tasks share.
 
     Raises:
-        ArgumentError: There is no task, a task has the wrong shape or too few runs, or a score or
+        ArgumentError: There is no task, a task has the wrong shape, all have one run, or a score or
             the target is not finite.
     """
     target = check_finite("target", target)
-    pool = _Pool("scores", scores, resampling)
+    pool = _Pool("scores", scores, resampling, tracks)
 
-    def statistic(index: _IndexArray) -> FloatArray:
+    def statistic(index: IndexArray) -> FloatArray:
         drawn = pool.values[index]
         means = pool.task_means(drawn)
         gap = target - np.minimum(drawn, target).mean(axis=1)
@@ -143,7 +123,7 @@ def aggregates(
         middle = drawn[:, cut : drawn.shape[1] - cut].mean(axis=1)
         return np.stack([middle, means.mean(axis=1), np.median(means, axis=1), gap], axis=1)
 
-    ends = _bootstrap(statistic, pool.counts, resampling)
+    ends = bootstrap(statistic, pool.counts, resampling, tracks)
     return Aggregates(*(Interval(*map(float, column)) for column in ends.T))
 
 
@@ -151,22 +131,26 @@ def probability_of_improvement(
     scores: Sequence[ArrayLike],
     others: Sequence[ArrayLike],
     resampling: Resampling | None = RESAMPLING,
+    tracks: tuple[Labels, Labels] | None = None,
 ) -> Interval:
     """Return P(X > Y) + P(X = Y) / 2, averaged over tasks.
 
     rliable's `probability_of_improvement`: the Mann-Whitney U of each task over its number of
     pairs. Every run of X meets every run of Y, not seed by seed. The interval is that of its
-    `StratifiedIndependentBootstrap`: X and Y are drawn independently of each other.
+    `StratifiedIndependentBootstrap`, X and Y drawn independently of each other, unless their
+    tracks are told.
 
     Args:
         scores: X, one vector of shape (runs,) per task [1], as in `aggregates`.
         others: Y, the same tasks in the same order; the numbers of runs may differ [1].
         resampling: How runs are drawn; None for the estimate alone.
+        tracks: Track numbers of X and of Y, as in `aggregates`.
 
     Raises:
         ArgumentError: As in `aggregates`, or X and Y differ in their number of tasks.
     """
-    x, y = _Pool("scores", scores, resampling), _Pool("others", others, resampling)
+    of_x, of_y = (None, None) if tracks is None else tracks
+    x, y = _Pool("scores", scores, resampling, of_x), _Pool("others", others, resampling, of_y)
     if x.counts.size != y.counts.size:
         raise ArgumentError(
             f"scores has {x.counts.size} tasks and others has {y.counts.size}; give the same tasks "
@@ -179,7 +163,7 @@ def probability_of_improvement(
     reached = np.concatenate([at + np.searchsorted(of, v, "right") for at, of, v in parts])
     start = np.repeat(y.first, x.counts)
 
-    def statistic(index: _IndexArray) -> FloatArray:
+    def statistic(index: IndexArray) -> FloatArray:
         # How often the runs of Y before each place, in sorted order, were drawn.
         before = np.zeros((index.shape[0], y.values.size + 1), dtype=np.intp)
         np.cumsum(_tally(index[:, split:] - split, y.values.size), axis=1, out=before[:, 1:])
@@ -187,7 +171,8 @@ def probability_of_improvement(
         met = np.take_along_axis(wins, index[:, :split], axis=1)
         return (np.add.reduceat(met, x.first, axis=1) / (2 * x.counts * y.counts)).mean(axis=1)
 
-    ends = _bootstrap(statistic, np.concatenate([x.counts, y.counts]), resampling)
+    labels = None if of_x is None or of_y is None else [*of_x, *of_y]
+    ends = bootstrap(statistic, np.concatenate([x.counts, y.counts]), resampling, labels)
     return Interval(*map(float, ends))
 
 
@@ -197,6 +182,7 @@ def performance_profile(
     resampling: Resampling | None = RESAMPLING,
     *,
     of_means: bool = False,
+    tracks: Labels | None = None,
 ) -> Profile:
     """Return the share of all runs above each threshold, or of the tasks' means.
 
@@ -207,29 +193,36 @@ def performance_profile(
         thresholds: Scores [1], finite and strictly ascending, shape (thresholds,).
         resampling: How runs are drawn; None for the estimates alone.
         of_means: Whether tasks are counted by their mean, instead of runs.
+        tracks: As in `aggregates`.
 
     Raises:
         ArgumentError: As in `aggregates`, or the thresholds break their rule.
     """
-    pool, edges = _Pool("scores", scores, resampling), _vector("thresholds", thresholds)
+    pool, edges = _Pool("scores", scores, resampling, tracks), _vector("thresholds", thresholds)
     if np.any(np.diff(edges) <= 0.0):
         raise ArgumentError("thresholds must ascend strictly; sort them and drop repeated ones")
     passed = np.searchsorted(edges, pool.values)  # number of thresholds strictly below
 
-    def statistic(index: _IndexArray) -> FloatArray:
+    def statistic(index: IndexArray) -> FloatArray:
         number = passed[index]
         if of_means:
             number = np.searchsorted(edges, pool.task_means(pool.values[index]))
         tally = _tally(number, edges.size + 1)
         return tally[:, :0:-1].cumsum(axis=1)[:, ::-1] / number.shape[1]
 
-    return Profile(edges, *_bootstrap(statistic, pool.counts, resampling))
+    return Profile(edges, *bootstrap(statistic, pool.counts, resampling, tracks))
 
 
 class _Pool:
-    """The runs of all tasks, one after another, checked; two runs per task where one draws."""
+    """The runs of all tasks, one after another, checked; a task of two runs where one draws."""
 
-    def __init__(self, name: str, scores: Sequence[ArrayLike], by: Resampling | None) -> None:
+    def __init__(
+        self,
+        name: str,
+        scores: Sequence[ArrayLike],
+        by: Resampling | None,
+        tracks: Labels | None,
+    ) -> None:
         if not isinstance(scores, list | tuple) or not scores:
             # Of a matrix nobody knows whether rows are runs, as in rliable, or tasks.
             raise ArgumentError(
@@ -238,11 +231,13 @@ class _Pool:
             )
         self.tasks = [_vector(f"{name}[{k}]", task) for k, task in enumerate(scores)]
         self.counts = np.array([task.size for task in self.tasks], dtype=np.intp)
-        if by is not None and self.counts.min() == 1:
+        if by is not None and self.counts.max() == 1:
             raise ArgumentError(
-                f"{name}[{self.counts.argmin()}] has one run, of which no interval can be drawn; "
-                "give two or more, or resampling=None for the estimate alone"
+                f"{name} has one run per task, of which no interval can be drawn; give two or more "
+                "in one task at least, or resampling=None for the estimate alone"
             )
+        if tracks is not None and [len(own) for own in tracks] != self.counts.tolist():
+            raise ArgumentError(f"tracks of {name} must have a number for every run of every task")
         self.values = np.concatenate(self.tasks)
         self.first = np.cumsum(self.counts) - self.counts
 
@@ -267,33 +262,8 @@ def _vector(name: str, values: ArrayLike) -> FloatArray:
     return array.astype(np.float64)
 
 
-def _tally(index: _IndexArray, size: int) -> _IndexArray:
+def _tally(index: IndexArray, size: int) -> IndexArray:
     """Return how often each of 0 .. size - 1 is in every row, (rows, any) to (rows, size)."""
     rows = index.shape[0]
     flat = (index + size * np.arange(rows)[:, None]).ravel()
     return np.bincount(flat, minlength=rows * size).reshape(rows, size)
-
-
-def _bootstrap(
-    statistic: Callable[[_IndexArray], FloatArray], counts: _IndexArray, by: Resampling | None
-) -> FloatArray:
-    """Return the estimate and the ends of its interval, shape (3, ...).
-
-    Args:
-        statistic: Maps indices of runs, shape (draws, runs of all tasks), to shape (draws, ...).
-        counts: Runs of each task, shape (tasks,); the tasks' runs are numbered one after another.
-        by: How runs are drawn; None leaves the ends NaN.
-    """
-    estimate = statistic(np.arange(counts.sum())[None, :])[0]
-    if by is None:
-        return np.stack([estimate, *np.full((2, *estimate.shape), np.nan)])
-    generator = by.generator or np.random.Generator(np.random.PCG64(_SEED))
-    first, size = np.repeat(np.cumsum(counts) - counts, counts), np.repeat(counts, counts)
-    rows = max(1, min(_ROWS, _ELEMENTS // size.size))
-    drawn = list[FloatArray]()
-    for begin in range(0, by.draws, rows):
-        # A share is a multiple of 2^-53 below one; times n it stays below n after rounding.
-        shares = generator.random((min(rows, by.draws - begin), size.size))
-        drawn.append(statistic(first + (shares * size).astype(np.intp)))
-    tail = (1.0 - by.coverage) / 2.0
-    return np.stack([estimate, *np.quantile(np.concatenate(drawn), [tail, 1.0 - tail], axis=0)])

@@ -44,6 +44,8 @@ def translated(path: Path, writing: bool) -> Generator[None, None, None]:
         yield
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", None)
+        if code is None and isinstance(error, sqlite3.OperationalError):
+            raise _damaged(path, error) from None  # a text that is not in UTF-8
         if code is None:  # a misuse of the module, no fault of the file
             raise
         # The low byte is the kind, the rest says more.
@@ -56,7 +58,7 @@ def translated(path: Path, writing: bool) -> Generator[None, None, None]:
         if kind in _DISK:
             raise InputFileError(f"cannot read {path}: {error}") from None
         raise _damaged(path, error) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         if isinstance(error, RailenvError):
             raise
         raise _damaged(path, error) from None

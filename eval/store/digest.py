@@ -1,6 +1,7 @@
 """Whether two runs have the same results, bit for bit."""
 
 import hashlib
+import json
 import struct
 from pathlib import Path
 
@@ -10,11 +11,14 @@ from eval.store.schema import COLUMNS
 _LEFT_OUT = ("message",)
 """A message may say how long something took."""
 
+_PLACE = ("controller", "layout", "vehicle", "speed_kmh")
+
 
 def digest(folder: Path) -> str:
     """Return the SHA-256 over the columns of all cells, in the order of controller and key.
 
-    Times, sessions, messages and answers on stability are not in it.
+    Time histories and roots follow, where there are any. Times, sessions, messages and answers on
+    stability are not in it.
 
     Args:
         folder: The run's folder.
@@ -31,6 +35,12 @@ def digest(folder: Path) -> str:
         for row in records.rows():
             for name in names:
                 state.update(_spelt(row[name]))
+        for row in records.motion():
+            answer = row["answer"]
+            # Why there is none is a message.
+            text = "" if "error" in answer else json.dumps(answer, sort_keys=True)
+            for value in (*(row[name] for name in _PLACE), text):
+                state.update(_spelt(value))
     return state.hexdigest()
 
 

@@ -11,9 +11,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from eval.store.check import check_ended, check_tables
 from eval.store.connection import open_reading, records_path, translated
-from eval.store.schema import COLUMNS, RECORDS_FILE, get_meta
+from eval.store.schema import COLUMNS, PLANNED, RECORDS_FILE, get_meta
 from eval.store.settings import RunSettings
+from eval.store.shapes import wrong_field
 from railenv.errors import unknown_name
 
 Value = str | float | int | bool | None
@@ -30,6 +32,8 @@ class Reader:
         folder: The run's folder.
         settings: What the run was started with.
         created: When, in ISO 8601.
+        planned: Number of runs that there are to be, by controller and layout; empty in a file of
+            a version that did not say so.
     """
 
     def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
@@ -37,8 +41,10 @@ class Reader:
         self.path = folder / RECORDS_FILE
         self._connection = connection
         with translated(self.path, writing=False):
+            check_tables(connection)
             self.settings = _settings(connection)
             self.created = str(get_meta(connection, "created"))
+            self.planned = _planned(connection)
 
     @classmethod
     def open(cls, folder: Path) -> "Reader":
@@ -118,7 +124,7 @@ class Reader:
         """Return every session that wrote; `ended` is None for one that was killed."""
         found = self._table("sessions", "id")
         with translated(self.path, writing=False):
-            return [{**row, "versions": json.loads(row["versions"])} for row in found]
+            return [{**row, "versions": _versions(row)} for row in found]
 
     def controllers(self) -> list[dict[str, Any]]:
         """Return every controller: `spec`, `division`, `sha256` of the file behind it or None."""
@@ -130,9 +136,31 @@ class Reader:
 
     def stability(self) -> list[dict[str, Any]]:
         """Return every answer on stability, with the controller, layout, vehicle and speed."""
-        found = self._table("stability", "controller, layout, vehicle, speed_kmh")
+        return self._answers("stability")
+
+    def motion(self) -> list[dict[str, Any]]:
+        """Return every controller's time histories and roots, with its place as of `stability`."""
+        return self._answers("motion")
+
+    def check_shown(self) -> None:
+        """Check that scores, tables and pictures can be made from what is there.
+
+        That every value is one of its column has been checked when the file was opened.
+
+        Raises:
+            InputFileError: They cannot; the row is said.
+        """
         with translated(self.path, writing=False):
-            return [{**row, "answer": json.loads(row["answer"])} for row in found]
+            check_ended(self._connection)
+            for table in ("stability", "motion"):
+                for row in self._answers(table):
+                    if wrong := wrong_field(table, row["answer"]):
+                        raise ValueError(f"{_place(table, row)} has an answer with a wrong {wrong}")
+
+    def _answers(self, table: str) -> list[dict[str, Any]]:
+        found = self._table(table, "controller, layout, vehicle, speed_kmh")
+        with translated(self.path, writing=False):
+            return [{**row, "answer": _answer(table, row)} for row in found]
 
     def _cells(
         self, names: tuple[str, ...], where: dict[str, Value]
@@ -173,6 +201,39 @@ def _settings(connection: sqlite3.Connection) -> RunSettings:
         if not isinstance(value, dict if name in ("content", "limits") else str):
             raise ValueError(f"the entry {name!r} of meta is {value!r}")
     return RunSettings(**values)
+
+
+def _planned(connection: sqlite3.Connection) -> dict[str, dict[str, int]]:
+    if connection.execute("SELECT 1 FROM meta WHERE name = ?", (PLANNED,)).fetchone() is None:
+        return {}
+    found: Any = get_meta(connection, PLANNED)
+    if not isinstance(found, dict) or not all(
+        isinstance(layouts, dict) and all(isinstance(runs, int) for runs in layouts.values())
+        for layouts in found.values()
+    ):
+        raise ValueError(f"the entry {PLANNED!r} of meta holds no numbers of runs")
+    return found
+
+
+def _versions(session: dict[str, Any]) -> dict[str, Any]:
+    versions = json.loads(session["versions"])
+    if not isinstance(versions, dict):
+        raise ValueError(f"row {session['id']} of sessions has versions = {versions!r:.80}")
+    return versions
+
+
+def _answer(table: str, row: dict[str, Any]) -> dict[str, Any]:
+    try:
+        answer = json.loads(row["answer"])
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{_place(table, row)} has an answer that is not JSON: {error}") from None
+    if not isinstance(answer, dict):
+        raise ValueError(f"{_place(table, row)} has an answer that is no mapping")
+    return answer
+
+
+def _place(table: str, row: dict[str, Any]) -> str:
+    return f"row {row['controller']!r}, {row['layout']!r}, {row['vehicle']!r} of {table}"
 
 
 def _dtype(name: str) -> type:

@@ -4,18 +4,22 @@ Versions:
     1  One run wrote a file from start to end; its provenance was an entry of `meta`.
     2  A run is resumed after a kill, perhaps on another machine or by another version: each session
        has its row in `sessions`, and each package names the session that wrote it.
+    3  Time histories and roots of every controller are kept in `motion`; an older file has none.
 
 A step's SQL is that of its own version and is never changed; the next version gets its own step.
 """
 
 import json
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
-SCHEMA = 2
+SCHEMA = 3
 """The version that this code writes."""
 
 RECORDS_FILE = "records.sqlite"
+
+PLANNED = "planned"
+"""Entry of `meta` with the number of runs that there are to be, by controller and layout."""
 
 STATUSES = ("ok", "diverged", "failed", "timeout", "memory", "crashed")
 """How a cell ended: with numbers, blown up, or as its package's worker did."""
@@ -113,7 +117,16 @@ _STABILITY = """CREATE TABLE stability (
     PRIMARY KEY (controller, layout, vehicle, speed_kmh)
 )"""
 
-_TABLES = (_META, _SESSIONS_2, _CONTROLLERS, _PACKAGES_2, _CELLS, _STABILITY)
+_MOTION_3 = """CREATE TABLE motion (
+    controller TEXT NOT NULL REFERENCES controllers (spec),
+    layout TEXT NOT NULL,
+    vehicle TEXT NOT NULL,
+    speed_kmh REAL NOT NULL,
+    answer TEXT NOT NULL,
+    PRIMARY KEY (controller, layout, vehicle, speed_kmh)
+)"""
+
+_TABLES = (_META, _SESSIONS_2, _CONTROLLERS, _PACKAGES_2, _CELLS, _STABILITY, _MOTION_3)
 
 
 def create_tables(connection: sqlite3.Connection) -> None:
@@ -121,6 +134,22 @@ def create_tables(connection: sqlite3.Connection) -> None:
     for table in _TABLES:
         connection.execute(table)
     set_meta(connection, "schema", SCHEMA)
+
+
+def blank_file(entries: Mapping[str, object]) -> bytes:
+    """Return a file without rows, as a whole, so that no kill leaves half of one.
+
+    Args:
+        entries: Of `meta`.
+    """
+    connection = sqlite3.connect(":memory:", isolation_level=None)
+    try:
+        create_tables(connection)
+        for name, value in entries.items():
+            set_meta(connection, name, value)
+        return connection.serialize()
+    finally:
+        connection.close()
 
 
 def set_meta(connection: sqlite3.Connection, name: str, value: object) -> None:
@@ -197,4 +226,9 @@ def session_values(provenance: dict[str, object]) -> tuple[object, ...]:
     return (provenance["command"], versions, *where, provenance["created"])
 
 
-_STEPS: dict[int, Callable[[sqlite3.Connection], None]] = {1: _add_sessions}
+def _add_motion(connection: sqlite3.Connection) -> None:
+    """Version 2 to 3: nothing is known of how the controllers move; what is missing can be run."""
+    connection.execute(_MOTION_3)
+
+
+_STEPS: dict[int, Callable[[sqlite3.Connection], None]] = {1: _add_sessions, 2: _add_motion}

@@ -1,6 +1,5 @@
 """Writing a benchmark's records, package by package."""
 
-import json
 import re
 import sqlite3
 from collections.abc import Iterable, Mapping
@@ -12,6 +11,7 @@ from typing import Any
 
 from baselines.training.run_lock import held
 from eval.records import provenance
+from eval.store.answers import Place, answer_row, write_answer
 from eval.store.cell import Cell, check_name
 from eval.store.connection import (
     check_free,
@@ -22,13 +22,12 @@ from eval.store.connection import (
 )
 from eval.store.packages import write_package
 from eval.store.reader import Reader
-from eval.store.schema import DIVISIONS, create_tables, session_values, set_meta
+from eval.store.schema import DIVISIONS, PLANNED, blank_file, session_values, set_meta
 from eval.store.settings import RunSettings, differences
 from railenv.errors import (
     ArgumentError,
     RailenvError,
     check_not_negative,
-    check_positive,
     unknown_name,
 )
 from railenv.files import make_folder, replacing
@@ -64,7 +63,7 @@ class Store(Reader):
             _lock(folder, exits)
             path = check_free(folder)
             with replacing(path) as stream:
-                stream.write(_blank(settings))
+                stream.write(blank_file({**settings.plain(), "created": _now()}))
             return cls._opened(folder, exits)
 
     @classmethod
@@ -192,6 +191,19 @@ class Store(Reader):
                 "INSERT INTO controllers VALUES (?, ?, ?)", (spec, division, sha256)
             )
 
+    def plan(self, runs: Mapping[str, Mapping[str, int]]) -> None:
+        """Note how many runs there are to be, beside what earlier sessions have noted.
+
+        Args:
+            runs: Their number by controller and layout.
+
+        Raises:
+            OutputError: The file cannot be written.
+        """
+        self.planned |= {spec: dict(layouts) for spec, layouts in runs.items()}
+        with transaction(self._connection, self.path):
+            set_meta(self._connection, PLANNED, self.planned)
+
     def add_package(
         self,
         controller: str,
@@ -249,22 +261,23 @@ class Store(Reader):
             ArgumentError: The answer holds something that JSON has not, or a name is unusable.
             OutputError: The file cannot be written.
         """
-        self._check_controller(controller)
-        for name, value in (("layout", layout), ("vehicle", vehicle)):
-            check_name(name, value)
-        speed = check_positive("speed_kmh", speed_kmh, "km/h")
-        try:
-            text = json.dumps(dict(answer), allow_nan=False)
-        except (TypeError, ValueError) as error:
-            raise ArgumentError(
-                f"the answer on {controller} cannot be kept as JSON: {error}; give None for what "
-                "is not known"
-            ) from None
+        self._add_answer("stability", (controller, layout, vehicle, speed_kmh), answer)
+
+    def add_motion(
+        self,
+        controller: str,
+        layout: str,
+        vehicle: str,
+        speed_kmh: KilometrePerHour,
+        answer: Mapping[str, Any],
+    ) -> None:
+        """Write, or replace, a controller's time histories and roots; see `add_stability`."""
+        self._add_answer("motion", (controller, layout, vehicle, speed_kmh), answer)
+
+    def _add_answer(self, table: str, place: Place, answer: Mapping[str, Any]) -> None:
+        self._check_controller(place[0])
         with transaction(self._connection, self.path):
-            self._connection.execute(
-                "INSERT OR REPLACE INTO stability VALUES (?, ?, ?, ?, ?)",
-                (controller, layout, vehicle, speed, text),
-            )
+            write_answer(self._connection, table, answer_row(place, answer))
 
     def _check_controller(self, controller: str) -> None:
         known = [row["spec"] for row in self.controllers()]
@@ -280,19 +293,6 @@ def _lock(folder: Path, exits: ExitStack) -> None:
             f"{folder} is in use by another benchmark or training; wait for it, or give another "
             "folder by --out"
         ) from None
-
-
-def _blank(settings: RunSettings) -> bytes:
-    """Return a file without rows, as a whole, so that no kill leaves half of one."""
-    connection = sqlite3.connect(":memory:", isolation_level=None)
-    try:
-        create_tables(connection)
-        for name, value in settings.plain().items():
-            set_meta(connection, name, value)
-        set_meta(connection, "created", _now())
-        return connection.serialize()
-    finally:
-        connection.close()
 
 
 def _now() -> str:

@@ -3,7 +3,7 @@
 Users' controllers may raise, hang, eat memory or end their process: each costs its own task, and
 the worker is replaced. The limits are kept by the pool from outside, so that code that holds the
 interpreter's lock is stopped too. Memory is looked at every `WATCH_PERIOD`: a shorter peak is not
-seen. What a worker starts is killed with it, except where the system has no process groups.
+seen. What a worker starts is killed with it as far as it can be found, see `eval.workers.process`.
 
 Not known here: progress, records, what a task means.
 """
@@ -11,7 +11,7 @@ Not known here: progress, records, what a task means.
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from multiprocessing.connection import wait
 from types import TracebackType
 from typing import Any, Self
@@ -38,10 +38,19 @@ class LocalPool:
     Args:
         jobs: Worker processes, one or more.
         limits: What one task may use; also with one job the work is done in a worker process.
+        owner: Says of a task whose own code it runs, None for nobody's. A worker that has run
+            somebody's code runs nobody else's tasks: that code may have changed numpy's error
+            state, a module, or whatever else a process holds. None for tasks that trust each other.
     """
 
-    def __init__(self, jobs: int = 1, limits: Limits | None = None) -> None:
+    def __init__(
+        self,
+        jobs: int = 1,
+        limits: Limits | None = None,
+        owner: Callable[[Any], Hashable | None] | None = None,
+    ) -> None:
         self._jobs = check_count("jobs", jobs)
+        self._owner = owner
         self._limits = limits if limits is not None else Limits()
         self._workers: list[WorkerProcess] = []
         # Held while a worker changes its phase or is judged by it.
@@ -137,21 +146,31 @@ class LocalPool:
         free = self._jobs - sum(worker.job is not None for worker in self._workers)
         while more and len(waiting) < free:
             try:
-                waiting.append(Job(next(source)))
+                task = next(source)
             except StopIteration:
                 return False
+            waiting.append(Job(task, None if self._owner is None else self._owner(task)))
         return more
 
     def _assign(self, waiting: deque[Job], function: Callable[[Any], Any]) -> None:
-        for worker in self._workers:
-            if waiting and worker.phase == "idle":
-                job = waiting.popleft()
+        idle = [worker for worker in self._workers if worker.phase == "idle"]
+        # Those of an owner take his tasks first, so that the others stay nobody's.
+        for worker in sorted(idle, key=lambda worker: worker.owner is None):
+            job = next((job for job in waiting if worker.owner in (None, job.owner)), None)
+            if job is not None:
+                waiting.remove(job)
                 with self._lock:
                     worker.begin(job)
                 # Without the lock: a task that is large waits for the worker to read it.
                 worker.send("task", job.task)
         starting = sum(worker.phase == "starting" for worker in self._workers)
-        while len(self._workers) < self._jobs and starting < len(waiting):
+        while starting < len(waiting):
+            if len(self._workers) == self._jobs:
+                # One that is idle still is another owner's.
+                spare = next((w for w in self._workers if w.phase == "idle"), None)
+                if spare is None:
+                    break
+                self._remove(spare)
             self._start(function)
             starting += 1
 
@@ -177,20 +196,30 @@ class LocalPool:
         # With an end, so that Ctrl-C is seen on every system.
         ready = wait(list(signs), timeout=0.5)
         heard = {id(signs[sign]): signs[sign] for sign in ready}
+        # One that has ended may have left both signs to a process that it has forked.
+        heard |= {id(worker): worker for worker in self._workers if worker.ended()}
         ended = (self._hear(worker, waiting) for worker in heard.values())
         return [outcome for outcome in ended if outcome is not None]
 
     def _hear(self, worker: WorkerProcess, waiting: deque[Job]) -> Outcome[Any] | None:
         with self._lock:
-            job, started = worker.job, worker.since
-            starting = worker.phase == "starting"
+            job, started, phase = worker.job, worker.since, worker.phase
+            starting = phase == "starting"
             worker.phase, worker.since = "reading", time.monotonic()
         reply = worker.read()
         elapsed = time.monotonic() - started
         if reply is None:
             return self._bury(worker, waiting, starting, elapsed)
+        if reply == "stale":
+            if worker.ended():  # whoever writes here now may never stop
+                return self._bury(worker, waiting, starting, elapsed)
+            with self._lock:
+                worker.phase, worker.since = phase, started
+            if phase == "idle":
+                self._remove(worker)
+            return None
         with self._lock:
-            fit = worker.rest(first=starting) and reply.clean
+            fit = worker.rest() and reply.clean
         if starting:
             self._failed_starts = 0
             self._check_start(worker, reply.message)
@@ -204,7 +233,7 @@ class LocalPool:
     def _check_start(self, worker: WorkerProcess, message: str) -> None:
         if message:
             raise ArgumentError(f"run: the function {message}; give one that workers can import")
-        needed, limit = worker.memory(), self._limits.memory_bytes
+        needed, limit = worker.rest_bytes, self._limits.memory_bytes
         if needed > limit:
             raise ArgumentError(
                 f"memory_bytes = {limit} is less than a worker needs at rest ({needed}); "

@@ -1,7 +1,8 @@
 """What runs inside a worker process: one numeric thread, one task at a time, no life of its own.
 
-The worker reads (kind, content) from its connection, where kind is "function" or "task", and
-answers each with one `Reply`. It ends when the connection closes or its parent dies.
+The worker reads (number, kind, content) from its connection, where kind is "function" or "task",
+and answers each with one `Reply` behind that number. It ends when the connection closes or its
+parent dies.
 """
 
 import faulthandler
@@ -37,6 +38,9 @@ _GRACE = 10.0
 """Time past the limit after which a worker ends itself, in case its parent cannot [s]."""
 
 
+NUMBER_BYTES = 8
+"""Length of the number before an answer [byte]."""
+
 _LONGEST = 1e6
 """Longest time that the watchdog is set to [s]; no system counts further than it can."""
 
@@ -50,6 +54,7 @@ def serve(connection: Connection, seconds: float) -> None:
     """
     _separate()
     _follow_parent()
+    own = os.getpid()
     function: Callable[[Any], Any] | None = None
     # The watchdog of faulthandler needs no interpreter lock: a worker that is stuck inside
     # compiled code ends even when its parent was killed.
@@ -62,8 +67,9 @@ def serve(connection: Connection, seconds: float) -> None:
             threads = threading.active_count()
             limit = max(START_SECONDS, seconds) + _GRACE  # reading it may import much
             faulthandler.dump_traceback_later(min(limit, _LONGEST), exit=True, file=nowhere)
+            number = int.from_bytes(message[:NUMBER_BYTES], "big")
             try:
-                kind, content = pickle.loads(message)  # noqa: S301 - written by the pool itself
+                kind, content = pickle.loads(message[NUMBER_BYTES:])  # noqa: S301 - the pool's own
             except Exception as error:  # importing users' modules may raise anything
                 reply = Reply("failed", message=f"cannot be read by a worker: {last_line(error)}")
             else:
@@ -76,19 +82,22 @@ def serve(connection: Connection, seconds: float) -> None:
                     limit = min(seconds + _GRACE, _LONGEST)
                     faulthandler.dump_traceback_later(limit, exit=True, file=nowhere)
                     reply = attempt(function, content)
+            if os.getpid() != own:
+                # The task has forked, and this is its child: it must neither answer nor take tasks.
+                os._exit(0)
             # An answer may wait for as long as the pool is busy elsewhere.
             faulthandler.cancel_dump_traceback_later()
             # A thread left behind would take time and memory from the tasks to come.
-            _send(connection, replace(reply, clean=threading.active_count() <= threads))
+            _send(connection, number, replace(reply, clean=threading.active_count() <= threads))
 
 
-def _send(connection: Connection, reply: Reply) -> None:
+def _send(connection: Connection, number: int, reply: Reply) -> None:
     try:
         message = pickle.dumps(reply)
     except Exception as error:  # pickling calls users' code
         text = f"the value cannot be sent back: {last_line(error)}"
         message = pickle.dumps(replace(reply, status="failed", value=None, message=text))
-    connection.send_bytes(message)
+    connection.send_bytes(number.to_bytes(NUMBER_BYTES, "big") + message)
 
 
 def _separate() -> None:
