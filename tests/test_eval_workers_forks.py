@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import psutil
 import pytest
 from worker_tasks import LIMITS, alive, gone, only, work
 
@@ -99,3 +100,10 @@ def test_an_answer_too_many_is_nobodys(times: int) -> None:
         outcomes = {outcome.task: outcome.value for outcome in pool.run(work, tasks)}
     assert outcomes.pop(tasks[0]) == "forged"  # of its own task it says what it likes
     assert outcomes == {("value", number): number for number in range(5)}
+
+
+def test_a_child_that_returns_ends_there() -> None:
+    with LocalPool(1, LIMITS) as pool:
+        _, worker = pool.run(work, [("fork and return", 0.0), ("pid", 0)])
+        children = psutil.Process(worker.value).children()
+        assert all(gone(child.pid, within=2.0) for child in children)
