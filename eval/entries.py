@@ -9,10 +9,12 @@ import hashlib
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from baselines import make_controller
+from baselines.controller import measured_by
 from baselines.policies.folder import CARD_FILE, POLICY_FILE
 from baselines.policies.shipped import shipped_folder, shipped_names
 from eval.packages import REFERENCE
@@ -20,6 +22,10 @@ from eval.policy_score_oracle import is_told
 from eval.told_designs import PLACE, check_place
 from eval.workers import Pool
 from railenv.errors import ArgumentError, ControllerError, InputFileError
+from railenv.simulation.full_outputs import output_names
+from railenv.vehicle import lateral17, state_space
+from railenv.vehicle.coordinates import Layout, parse_layout
+from railenv.vehicle.nonlinear import full50
 
 SHIPPED = "shipped"
 """Stands for all shipped policies in a suite's list of controllers."""
@@ -38,7 +44,8 @@ class Entry:
         sha256: SHA-256 of the files behind it; None if it needs none.
         layout: The only layout that it acts on; None if it takes either, or has no actuators.
         models: Vehicle models that it can act on; None for all. Semi-active dampers are known to
-            the linear vehicle alone, which is no fault of their laws.
+            the linear vehicle alone, and so are some states that state feedback measures, which is
+            no fault of the laws.
     """
 
     spec: str
@@ -128,7 +135,25 @@ def _only_layout(spec: str, controller: Any) -> str | None:
 
 
 def _models(controller: object) -> tuple[str, ...] | None:
-    return None if getattr(controller, "damper", None) is None else ("lateral17",)
+    if getattr(controller, "damper", None) is not None:
+        return ("lateral17",)
+    try:
+        layout = parse_layout(getattr(controller, "layout", "4"))
+        measured = set(measured_by(controller, layout))
+    except ArgumentError:
+        return None  # that it cannot be run is its result
+    missing = measured - _nonlinear_outputs(layout)
+    return ("lateral17",) if missing and missing <= _linear_states() else None
+
+
+@cache
+def _nonlinear_outputs(layout: Layout) -> frozenset[str]:
+    return frozenset(output_names(full50(layout=layout)))
+
+
+@cache
+def _linear_states() -> frozenset[str]:
+    return frozenset(state_space(lateral17()).states)
 
 
 def _file_of(spec: str) -> Path | None:

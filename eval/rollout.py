@@ -107,7 +107,7 @@ class ControlledBatch:
                 damper=getattr(controller, "damper", None),
             )
         except ArgumentError as error:
-            told = [name for name in measured if repr(name) in str(error)]
+            told = [name for name in measured if f"unknown output {name!r}" in str(error)]
             if told and not isinstance(vehicle, LateralVehicle):
                 raise ArgumentError(
                     f"the controller measures {told[0]!r}, a state of the linear vehicle that the "

@@ -101,6 +101,15 @@ def test_semi_active_dampers_are_run_on_the_linear_vehicle_alone() -> None:
     assert entry_of("skyhook").models is None
 
 
+def test_feedback_of_states_that_the_nonlinear_vehicle_lacks_is_run_on_the_linear_one_alone() -> (
+    None
+):
+    # The nodes of the yaw dampers' springs.
+    assert entry_of("lqr").models == ("lateral17",)
+    # These are states too, and the nonlinear vehicle has them.
+    assert entry_of("relative").models is None
+
+
 def test_the_reference_cannot_be_entered() -> None:
     with pytest.raises(ArgumentError, match="run with every benchmark"):
         entry_of(REFERENCE)
