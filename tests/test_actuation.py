@@ -243,3 +243,17 @@ def test_a_ramp_and_its_rate_move_an_oscillator_as_quadrature_says() -> None:
 
     solution = integrate.solve_ivp(slope, (0, 0.2), [0.0, 0.0], rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(start[:, 0] * w0 + end[:, 0] * w1, solution.y[:, -1], rtol=1e-9)
+
+
+def test_more_commands_than_there_is_room_for_are_an_error_and_no_other_lanes() -> None:
+    line = DelayLine(2, 1, STEP, 1, 0.1, ActuatorSpec())
+    still, one = np.zeros(2, dtype=np.int64), np.ones((2, 1))
+    active, nothing = np.array([True, False]), np.zeros((2, 1), dtype=bool)
+    room = line.arrays.arrival_step.shape[1]
+    for k in range(room):
+        # The clock stands still and each is later than the one before.
+        line.issue(still, active, 0, 2, one, 1e-4 * k * one, nothing)
+    with pytest.raises(IndexError, match="room"):
+        line.issue(still, active, 0, 2, one, 1e-4 * room * one, nothing)
+    assert line.arrays.waiting.tolist() == [[room], [0]]
+    assert not line.arrays.arrival_force[1].any()

@@ -168,3 +168,22 @@ def test_a_derailed_lane_says_so_stands_still_and_leaves_the_others_alone(
     assert np.isfinite(outputs).all()
     lateral = [i for i, name in enumerate(vehicle.states[:50]) if name.endswith("lateral")]
     assert np.abs(simulation.state[0, lateral]).max() < 1e-12
+
+
+def test_a_lane_that_has_ended_takes_no_more_commands(vehicle: FullVehicle) -> None:
+    # Its time stands still, so that nothing arrives. Commands of a longer and longer way would pile
+    # up beyond the queue, in that of the next lane.
+    simulation = FullSimulation(vehicle, OUTPUTS)
+    simulation.reset(np.full((2, 4), 0.02), longest_jitter=0.02)
+    simulation.stop(np.array([True, False]))
+    alone = FullSimulation(vehicle, OUTPUTS)
+    alone.reset(np.full((1, 4), 0.02), longest_jitter=0.02)
+    commands = FORCE * np.sin(np.arange(30.0))
+    for k, command in enumerate(commands):
+        later = 0.02 * k / len(commands)
+        # Three are lost, so that both lanes are not in the same slot by chance.
+        lost = np.array([[k < 3] * 4, [False] * 4])
+        both = simulation.advance(np.full((2, 4), command), np.full((2, 4), later), lost)
+        one = alone.advance(np.full((1, 4), command), np.full((1, 4), later))
+        np.testing.assert_array_equal(both[1], one[0])
+    np.testing.assert_array_equal(simulation.state[1], alone.state[0])

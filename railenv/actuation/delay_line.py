@@ -242,6 +242,9 @@ def issue(
                 if other == arrives and arrival_rest[lane, slot, c] < rest:
                     break
                 count -= 1
+            if count == slots:
+                # Beyond it lies another lane's queue.
+                raise IndexError("more commands are on their way than the delay line has room for")
             slot = head + count
             if slot >= slots:
                 slot -= slots

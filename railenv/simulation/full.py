@@ -14,6 +14,7 @@ from railenv.errors import ArgumentError, check_positive
 from railenv.simulation.excitation import Places
 from railenv.simulation.full_outputs import output_rows
 from railenv.simulation.full_stepping import (
+    RUNNING,
     FullLanes,
     RunningGear,
     advance_full,
@@ -209,7 +210,9 @@ class FullBatch:
     def advance(self, first: int, end: int) -> None:
         """Send the commands of the lanes from `first` to before `end` and advance them a period."""
         here = self.lanes
-        self.line.issue(here.step, self.active, first, end, self.commands, self.later, self.lost)
+        # Time stands still in a lane that has ended: commands would pile up there.
+        running = self.active & (here.ended == RUNNING)
+        self.line.issue(here.step, running, first, end, self.commands, self.later, self.lost)
         advance_full(
             self._stack,
             self._contact,
