@@ -14,8 +14,9 @@ from railenv.units import Second
 from railenv.vehicle import LateralVehicle
 
 VEHICLE, SPEED_KMH = "nominal", 300.0
-RESOLUTION: Second = 5e-3
-"""Width of the brackets of simulated critical delays [s]; finer ones take minutes."""
+RESOLUTION: Second = 6e-3
+"""Largest width of the brackets of simulated critical delays [s], one subdivision of the scan;
+finer ones take minutes."""
 
 COARSE_STEP: Second = 0.05
 """Spacing of the scan before [s]: the grid of the delays that the suites run."""

@@ -272,7 +272,13 @@ class _Drive:
         if not any(s.model == "full50" for s in self._suite.scenarios):
             return
         if "full50" not in (self._entry.models or ("full50",)):
-            yield Finding("nonlinear vehicle", None, "not run on full50, which has actuators alone")
+            words = "not run on full50, which has actuators alone"
+            if getattr(self._controller, "damper", None) is None:
+                words = (
+                    "not run on full50: the controller measures a state of the linear vehicle that "
+                    "the nonlinear one does not have"
+                )
+            yield Finding("nonlinear vehicle", None, words)
             return
         vehicle = vehicle_of(("full50", *self._place[1:]), self._layout)
         try:

@@ -86,7 +86,7 @@ def simulated_critical_delay(
     probe = kind(controller, vehicle, steps, track, seed)
     tell = progress or (lambda _: None)
     tell("coarse scan")
-    count = max(2, int(np.ceil(longest / coarse - 1e-9)) + 1) if vehicle.num_actuators else 1
+    count = max(2, int(np.ceil(longest / coarse)) + 1) if vehicle.num_actuators else 1
     delays = np.linspace(0.0, longest, count)
     stable = probe.stable(delays)
     brackets: list[dict[str, Any]] = []
@@ -96,8 +96,7 @@ def simulated_critical_delay(
         changes = changes[:1] if stable[0] else changes[:0]
     for k in changes:
         low, high = float(delays[k]), float(delays[k + 1])
-        # A whole number of subdivisions may miss the width by rounding.
-        while high - low > resolution * (1.0 + 1e-9):
+        while high - low > resolution:
             tell(f"{1000 * low:.1f} to {1000 * high:.1f} ms")
             inner = np.linspace(low, high, _SUBDIVISION + 2)
             verdicts = np.concatenate([[stable[k]], probe.stable(inner[1:-1]), [stable[k + 1]]])

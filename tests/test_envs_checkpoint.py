@@ -89,7 +89,9 @@ def in_mid_episode(make: Callable[[], Env]) -> Env:
     return env
 
 
-@pytest.mark.parametrize("make", [single, vector, two_threads])
+@pytest.mark.parametrize(
+    "make", [single, vector, pytest.param(two_threads, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     "copied", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "copy"]
 )

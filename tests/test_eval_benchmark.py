@@ -103,7 +103,10 @@ def test_workers_give_the_nonlinear_vehicles_rows_too(tmp_path: Path) -> None:
         assert digest(run(tmp_path / "a", wanted, pool)) == digest(run(tmp_path / "b", wanted))
 
 
-@pytest.mark.parametrize("after", [0, 3, 7, 10])
+@pytest.mark.parametrize(
+    "after",
+    [3, *(pytest.param(number, marks=pytest.mark.slow) for number in (0, 7, 10))],
+)
 def test_an_interrupted_run_goes_on_where_it_stopped(
     whole: Path, tmp_path: Path, after: int
 ) -> None:

@@ -30,6 +30,8 @@ from eval.store.reader import Reader
 from eval.workers import InlinePool, Limits, LocalPool, Outcome
 from railenv.errors import ArgumentError
 
+pytestmark = pytest.mark.slow
+
 SPEC = "skyhook:gain=15e3"
 WIDE = benchmark_of(
     SPEC,
@@ -117,7 +119,6 @@ def test_what_costs_no_time_is_tried_to_the_end(tmp_path: Path) -> None:
     assert ended(tmp_path)["zero"] == ["failed"] * 8
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_what_hangs_eats_or_exits_is_stopped_within_its_limits(tmp_path: Path, jobs: int) -> None:
     limits = Limits(8.0, 700 * 2**20)

@@ -22,6 +22,8 @@ from eval.stability_answers import critical_delay_answer, delay_system
 from railenv.errors import ArgumentError, ControllerError
 from railenv.vehicle import lateral17, state_space
 
+pytestmark = pytest.mark.slow
+
 PLACE = ("lateral17", "nominal", "4", 300.0)
 HOOK, LQG, DESIGNS = "skyhook:gain=35e3", "lqg", "lqg-delay:delay={delay}"
 

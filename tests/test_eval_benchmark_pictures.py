@@ -5,12 +5,15 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
+import pytest
 from benchmark_examples import benchmark_of, block, cells, run, suite_of
 
 from eval.benchmark_motion import MotionWork
 from eval.store.digest import digest
 from eval.store.reader import Reader
 from eval.workers import InlinePool, Outcome
+
+pytestmark = pytest.mark.slow
 
 SPEC = "skyhook:gain=15e3"
 SHORT = suite_of(block())

@@ -133,6 +133,7 @@ def test_a_locus_has_a_mark_for_every_hundred_milliseconds() -> None:
     assert drawn.count("was-root") == 1 + 1
 
 
+@pytest.mark.slow
 def test_a_page_of_many_controllers_with_motion_stays_light(tmp_path: Path) -> None:
     many(tmp_path, 30)
     page, _ = page_of(tmp_path, None)

@@ -20,6 +20,8 @@ from railenv.simulation import required_length, wheelset_inputs
 from railenv.track import make_track
 from railenv.vehicle import lateral17
 
+pytestmark = pytest.mark.slow
+
 encoder = pytest.importorskip("imageio_ffmpeg")
 pytest.importorskip("pygame")
 
@@ -50,7 +52,6 @@ def test_a_film_is_640_by_480_and_moves(film: Path) -> None:
     assert np.abs(frames[0] - frames[-1]).max() > 100
 
 
-@pytest.mark.slow
 def test_the_film_changes_nothing_of_what_is_measured(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -181,7 +182,6 @@ def test_a_vehicle_without_actuators_makes_no_film() -> None:
         Film(vehicle, track, np.zeros(0), Stepping(), lambda frame: None)
 
 
-@pytest.mark.slow
 def test_gymnasiums_record_video_films_the_environment(tmp_path: Path) -> None:
     pytest.importorskip("moviepy")
     env = gym.make("railenv/Lateral17-v0", render_mode="rgb_array", episode_seconds=0.2)

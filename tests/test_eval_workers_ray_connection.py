@@ -55,6 +55,7 @@ def test_a_closed_port_is_told_at_once(scheme: str) -> None:
     assert time.monotonic() - started < ray_connection.KNOCK_SECONDS + 1.0
 
 
+@pytest.mark.slow
 def test_a_port_that_never_answers_is_left_after_a_while(
     silent: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

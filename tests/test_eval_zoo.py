@@ -28,6 +28,8 @@ from railenv.simulation import Trajectory
 from railenv.stability.lifted_roots import unstable_at
 from railenv.vehicle import lateral17
 
+pytestmark = pytest.mark.slow
+
 SHORT = Scale(tracks=1, duration=20.0, delays=(0.0, 0.1))
 FAIR = Scale(tracks=4, duration=45.0, delays=(0.05, 0.1, 0.15, 0.2, 0.25, 0.3))
 LINEAR = (
@@ -80,7 +82,6 @@ def test_cells_of_a_static_law_carry_its_proved_critical_delay_and_damping() -> 
     assert cells[1]["apart_distance"] > 1.0
 
 
-@pytest.mark.slow
 def test_a_law_that_is_told_the_delay_is_stable_in_a_window_around_it() -> None:
     entry = Entry("lqg", "lqg-delay:delay={delay},noise=1,effort=1e-2", "4", 300.0)
     assert entry.knows_delay
@@ -153,7 +154,6 @@ def beside() -> dict[str, list[dict[str, float]]]:
     return {name: evaluate(Entry(name, spec, "4", 300.0), FAIR) for name, spec in specs.items()}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("law", "longest"), [("plain", 0.25), ("preview", 0.3)])
 def test_lqg_with_delay_beats_passive_and_the_best_skyhook_at_both_ends(
     beside: dict[str, list[dict[str, float]]], law: str, longest: float
@@ -168,7 +168,6 @@ def test_lqg_with_delay_beats_passive_and_the_best_skyhook_at_both_ends(
             assert beside[law][k][end] < min(beside["passive"][k][end], best[end]), (delay, end)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("track", ["tb3352", "german_low"])
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.2, 0.3])
 def test_the_optimums_return_is_above_passive_and_every_skyhook(track: str, delay: float) -> None:
@@ -181,7 +180,6 @@ def test_the_optimums_return_is_above_passive_and_every_skyhook(track: str, dela
             assert own.mean() > max(v.mean() for v in others) + 3.0 * own.std() / 4.0
 
 
-@pytest.mark.slow
 def test_the_table_is_written_by_one_command(tmp_path: Path) -> None:
     file = tmp_path / "table.md"
     write_table(["--smoke", "--jobs", "2", "--out", str(file)])

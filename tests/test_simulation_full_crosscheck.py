@@ -22,6 +22,8 @@ from railenv.vehicle.nonlinear import (
 )
 from railenv.vehicle.nonlinear.coordinates import coordinate_index
 
+pytestmark = pytest.mark.slow
+
 NONE = np.zeros((1, 0))
 FLOOR = tuple(
     f"floor_{end}_{way}_acceleration"
@@ -131,7 +133,6 @@ def on_steps() -> dict[float, FloatArray]:
 WAYS = ("lateral", "vertical")
 
 
-@pytest.mark.slow
 def test_halving_the_default_step_moves_no_rms_by_a_hundredth(
     on_steps: dict[float, FloatArray],
 ) -> None:
