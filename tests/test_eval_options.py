@@ -20,6 +20,8 @@ from railenv.stability import critical_delays, rightmost_roots, sampled_critical
 from railenv.track import make_track
 from railenv.vehicle import lateral17
 
+pytestmark = pytest.mark.slow
+
 GAIN = ("--controller", "skyhook:gain=25e3")
 LOOP = {
     "--layout": "2",

@@ -14,6 +14,8 @@ from eval.scoring.statistics import Resampling
 from eval.seed_sets import seed_sets
 from railenv.errors import ArgumentError
 
+pytestmark = pytest.mark.slow
+
 FEW = Resampling(draws=500)
 WIDE = suite_of(block(channels=("constant", "jitter"), delays_ms=(0.0, 300.0), seeds=6))
 COMMAND = "python -m eval.rank_stability"

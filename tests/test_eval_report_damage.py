@@ -17,6 +17,8 @@ from eval.store.schema import RECORDS_FILE
 from eval.store.shapes import wrong_field
 from railenv.errors import InputFileError
 
+pytestmark = pytest.mark.slow
+
 RUN = scenarios()
 
 
